@@ -1,0 +1,299 @@
+//! The component that holds a light's whole shadow configuration, its checks and its RON form.
+
+mod error;
+mod preset;
+
+pub use error::ConfigError;
+pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
+
+pub(crate) use preset::MaxMapSize;
+
+use bevy::{
+    asset::Asset,
+    ecs::{component::Component, reflect::ReflectComponent},
+    reflect::{
+        Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault,
+    },
+};
+use serde::{Deserialize, Serialize};
+
+use crate::systems::ManagedLight;
+
+/// The most cascades a light can have: the length of Bevy's uniform array.
+pub const MAX_CASCADES: usize = 4;
+
+/// The smallest map that still leaves room for the filter's guard texels.
+pub const MIN_MAP_SIZE: u32 = 64;
+
+/// Gives a [`DirectionalLight`](bevy::light::DirectionalLight) parallel-split shadow maps.
+///
+/// Adding the component is enough: it switches the light's shadow maps on and takes their place
+/// on every active 3D camera. Removing it brings Bevy's own shadows back exactly as they were
+/// configured. `DirectionalLight::shadow_depth_bias`, `shadow_normal_bias` and
+/// `soft_shadow_size`, the cameras' `ShadowFilteringMethod`, and `NotShadowCaster` and
+/// `NotShadowReceiver` keep their meaning; `CascadeShadowConfig` is overwritten while the
+/// component is present.
+///
+/// A value outside its range is reported once, and the last good configuration stays in force.
+///
+/// ```
+/// # use bevy_pssm::prelude::*;
+/// let shadows = ParallelSplitShadows {
+///     far: 800.0,
+///     splits: SplitScheme::Logarithmic,
+///     map_size: MapSize::Halving(4096),
+///     ..Default::default()
+/// };
+/// assert!(shadows.validate(16384).is_ok());
+/// ```
+#[derive(Component, Asset, Reflect, Serialize, Deserialize, Debug, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[require(ManagedLight)]
+pub struct ParallelSplitShadows {
+    /// `false` hands the light back to Bevy's own shadows until it is `true` again. Costs
+    /// nothing while `false`. Default `true`.
+    pub enabled: bool,
+    /// Number of cascades, 1 to 4. Each costs one shadow pass; too few show as blocky shadows
+    /// near the camera. Default 4, which keeps the ratio of texel sizes between neighbours
+    /// under 5 over three decades of depth.
+    #[reflect(@1..=4_u32)]
+    pub cascades: u32,
+    /// Where the split scheme starts (metres from the eye, above zero). Surfaces nearer than
+    /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
+    /// wastes the first cascades on the ground at the camera's feet. Default 1 m.
+    pub near: f64,
+    /// Where shadows end (metres from the eye, above [`near`](Self::near)). Farther costs
+    /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
+    /// plain sight. Default 500 m.
+    pub far: f64,
+    /// Where cascades end in between. Default `Practical { lambda: 0.95 }`, which puts the
+    /// first split at 11 m, near what Unity, Unreal and Godot choose.
+    pub splits: SplitScheme,
+    /// Share of each slice, at its far end, over which one cascade is blended into the next
+    /// (0 to 0.5). Pixels there sample two maps; 0 shows a hard line where sharpness changes.
+    /// Default 0.1.
+    #[reflect(@0.0..=0.5_f64)]
+    pub blend: f64,
+    /// Share of the last slice over which shadows fade to light (0 to 1). Free; 0 shows a hard
+    /// line that travels with the camera. Default 0.2.
+    #[reflect(@0.0..=1.0_f64)]
+    pub fade: f64,
+    /// How maps are laid over their slices. Default [`CascadeFit::Stable`]: crawling edges
+    /// disturb players more than a third of the sharpness lost.
+    pub fit: CascadeFit,
+    /// Texels per side of each cascade's map. Default `Same(2048)`, Bevy's own: 16 MiB and one
+    /// clear each.
+    pub map_size: MapSize,
+    /// Which casters are drawn into a cascade. Default [`CasterCulling::Hull`].
+    pub culling: CasterCulling,
+}
+
+impl Default for ParallelSplitShadows {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            cascades: MAX_CASCADES as u32,
+            near: 1.0,
+            far: 500.0,
+            splits: SplitScheme::default(),
+            blend: 0.1,
+            fade: 0.2,
+            fit: CascadeFit::default(),
+            map_size: MapSize::default(),
+            culling: CasterCulling::default(),
+        }
+    }
+}
+
+/// Where cascades end. `C_i` is the depth of split plane `i` of `m`, `n` near and `f` far.
+#[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum SplitScheme {
+    /// `n + (f − n) i/m`: equal slices. Right for views from high above; blocky at the feet of
+    /// a walking camera.
+    Uniform,
+    /// `n (f/n)^(i/m)`: equal perspective error in every slice. Right when geometry fills all
+    /// depths; wastes the first slices when nothing is near.
+    Logarithmic,
+    /// A mix: `lambda` parts logarithmic, `1 − lambda` parts uniform (GPU Gems 3 ch. 10,
+    /// NVIDIA 2007).
+    Practical {
+        /// Weight of the logarithmic planes, 0 to 1.
+        lambda: f64,
+    },
+    /// `min(n + (f − n)/gamma^(m−i) + bias, f)`: slices grow geometrically (Zhang et al. 2006,
+    /// Eq. 3 as printed).
+    Geometric {
+        /// Growth from one plane's distance to the next, above 1. Below 2 the second slice is
+        /// *shorter* than the first.
+        gamma: f64,
+        /// Pushes every inner plane out (metres, at least 0). At `(f − n)(1 − 1/gamma)` or
+        /// more the last planes fall together and their cascades stay empty.
+        bias: f64,
+    },
+    /// `min(n + gamma^(i−1) ((f − n)/gamma^(m−1) + bias), f)`: what Eqs. 1 and 2 of the same
+    /// paper imply, the bias growing with the slices.
+    GeometricScaled {
+        /// Growth from one plane's distance to the next, above 1.
+        gamma: f64,
+        /// Length added to the first slice (metres, at least 0).
+        bias: f64,
+    },
+    /// Inner planes by hand (metres from the eye): one fewer than cascades, strictly growing,
+    /// between near and far.
+    Manual(Vec<f64>),
+}
+
+impl Default for SplitScheme {
+    fn default() -> Self {
+        Self::Practical { lambda: 0.95 }
+    }
+}
+
+/// How a map is laid over its slice.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum CascadeFit {
+    /// Constant size, fixed orientation, moved in whole texels: edges of resting shadows never
+    /// crawl, however the camera moves or turns.
+    #[default]
+    Stable,
+    /// The smallest box around the slice: up to three times the texels per area, but edges
+    /// crawl while the camera moves. For fixed cameras and still pictures.
+    Tight,
+}
+
+/// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
+/// GPU allows, powers of two or not.
+#[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum MapSize {
+    /// One size for all.
+    Same(u32),
+    /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
+    /// texels than the first map alone, but each border shows a jump in sharpness.
+    Halving(u32),
+    /// One size per cascade.
+    List(Vec<u32>),
+}
+
+impl Default for MapSize {
+    fn default() -> Self {
+        Self::Same(2048)
+    }
+}
+
+impl MapSize {
+    /// Texels per side of cascade `index`.
+    pub fn of_cascade(&self, index: usize) -> u32 {
+        match self {
+            Self::Same(size) => *size,
+            Self::Halving(first) => (first >> index).max(MIN_MAP_SIZE),
+            Self::List(sizes) => sizes.get(index).copied().unwrap_or(MIN_MAP_SIZE),
+        }
+    }
+}
+
+/// Which casters are drawn into a cascade. The picture is the same; the cost is not.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum CasterCulling {
+    /// Casters whose bounds meet the slice's convex hull swept towards the light.
+    #[default]
+    Hull,
+    /// Every caster in the scene: for measuring, and for finding out whether culling is to
+    /// blame.
+    Off,
+}
+
+impl ParallelSplitShadows {
+    /// Checks every value against its documented range.
+    ///
+    /// `max_map_size` is what the GPU allows (`max_texture_dimension_2d`).
+    ///
+    /// # Errors
+    /// Names the first field that is wrong, its value and what is allowed.
+    pub fn validate(&self, max_map_size: u32) -> Result<(), ConfigError> {
+        ConfigError::check_range("cascades", self.cascades, 1..=MAX_CASCADES as u32)?;
+        ConfigError::check_positive("near", self.near)?;
+        ConfigError::check_positive("far", self.far)?;
+        if self.far <= self.near {
+            return Err(ConfigError::out_of_range(
+                "far",
+                self.far,
+                format_args!("above `near` ({})", self.near),
+            ));
+        }
+        self.splits.validate(self)?;
+        ConfigError::check_range("blend", self.blend, 0.0..=0.5)?;
+        ConfigError::check_range("fade", self.fade, 0.0..=1.0)?;
+        self.map_size.validate(self.cascades, max_map_size)
+    }
+}
+
+impl SplitScheme {
+    fn validate(&self, config: &ParallelSplitShadows) -> Result<(), ConfigError> {
+        match self {
+            Self::Uniform | Self::Logarithmic => Ok(()),
+            Self::Practical { lambda } => ConfigError::check_range("lambda", *lambda, 0.0..=1.0),
+            Self::Geometric { gamma, bias } | Self::GeometricScaled { gamma, bias } => {
+                if !(*gamma > 1.0 && gamma.is_finite()) {
+                    return Err(ConfigError::out_of_range("gamma", *gamma, "above 1"));
+                }
+                ConfigError::check_range("bias", *bias, 0.0..=config.far)
+            }
+            Self::Manual(planes) => {
+                let expected = config.cascades as usize - 1;
+                if planes.len() != expected {
+                    return Err(ConfigError::WrongCount {
+                        field: "Manual",
+                        count: planes.len(),
+                        expected,
+                        reason: "one plane fewer than `cascades`",
+                    });
+                }
+                let mut previous = config.near;
+                for (index, plane) in planes.iter().enumerate() {
+                    if !(*plane > previous && *plane < config.far) {
+                        return Err(ConfigError::NotIncreasing {
+                            field: "Manual",
+                            index,
+                            value: *plane,
+                            above: previous,
+                            below: config.far,
+                        });
+                    }
+                    previous = *plane;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl MapSize {
+    fn validate(&self, cascades: u32, max: u32) -> Result<(), ConfigError> {
+        let range = MIN_MAP_SIZE..=max;
+        match self {
+            Self::Same(size) => ConfigError::check_range("map_size", *size, range),
+            Self::Halving(size) => {
+                ConfigError::check_range("map_size", *size, (MIN_MAP_SIZE << (cascades - 1))..=max)
+            }
+            Self::List(sizes) => {
+                if sizes.len() != cascades as usize {
+                    return Err(ConfigError::WrongCount {
+                        field: "map_size",
+                        count: sizes.len(),
+                        expected: cascades as usize,
+                        reason: "one size per cascade",
+                    });
+                }
+                sizes
+                    .iter()
+                    .try_for_each(|size| ConfigError::check_range("map_size", *size, range.clone()))
+            }
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Laying a map over a slice: how large, where, and snapped to which grid.
+
+use glam::{DMat4, DVec2, DVec3, DVec4};
+
+use super::{light_frame::LightFrame, slice::Slice};
+
+/// An orthographic map: a box in the light's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapBox {
+    /// Centre in the light's frame (metres; origin at the world's).
+    pub centre: DVec3,
+    /// Half the box's extents in the light's frame (metres).
+    pub half: DVec3,
+    /// Size of a texel along the map's two axes (metres).
+    pub texel: DVec2,
+}
+
+/// No map is thinner than this (metres): an extent is never divided by raw.
+const MIN_EXTENT: f64 = 1e-6;
+
+/// A map that moves in whole texels and never changes its size or orientation.
+///
+/// The slice's bounding sphere fixes the size; the centre is rounded to the texel grid of the
+/// light's own frame, anchored at the world's origin. `guard` texels on every side stay outside
+/// the slice for filters and offsets. (NVIDIA 2007; sphere and guard as in Valient 2008.)
+pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, guard: f64) -> MapBox {
+    let size = f64::from(map_size);
+    let half = slice.radius.max(MIN_EXTENT) * size / usable(size, 1.0 + 2.0 * guard);
+    let texel = 2.0 * half / size;
+    let centre = light.light_from_world(slice.centre);
+    MapBox {
+        centre: (centre / texel + 0.5).floor() * texel,
+        half: DVec3::new(half, half, half + 2.0 * texel),
+        texel: DVec2::splat(texel),
+    }
+}
+
+/// The smallest box around the slice in the light's frame. Sharper than [`stable`] by a factor
+/// of one to three in texel area, but its texels move and change size with the camera.
+pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, guard: f64) -> MapBox {
+    let size = f64::from(map_size);
+    let (lo, hi) = slice.corners.iter().fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(lo, hi), corner| {
+            let p = light.light_from_world(*corner);
+            (lo.min(p), hi.max(p))
+        },
+    );
+    let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
+    let half = 0.5 * extent.truncate() * size / usable(size, 2.0 * guard);
+    let texel = 2.0 * half / size;
+    MapBox {
+        centre: (lo + hi) * 0.5,
+        half: half.extend(0.5 * extent.z + guard * texel.max_element()),
+        texel,
+    }
+}
+
+/// Texels left for the slice once the guard is taken off; at least half the map.
+fn usable(size: f64, guard: f64) -> f64 {
+    (size - guard).max(0.5 * size)
+}
+
+impl MapBox {
+    /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]
+    /// with 1 at the light's side (reverse z), w = 1.
+    pub fn clip_from_world(&self, light: &LightFrame) -> DMat4 {
+        let row = |axis: DVec3, centre: f64, half: f64| (axis / half).extend(-centre / half);
+        let x = row(light.x, self.centre.x, self.half.x);
+        let y = row(light.y, self.centre.y, self.half.y);
+        let z = row(light.z, self.centre.z, self.half.z) * 0.5 + DVec4::new(0.0, 0.0, 0.0, 0.5);
+        DMat4::from_cols(x, y, z, DVec4::W).transpose()
+    }
+
+    /// The matrix from the light's frame, moved to the box's near (light-side) face, to clip
+    /// space.
+    pub fn clip_from_cascade(&self) -> DMat4 {
+        DMat4::from_cols(
+            DVec4::X / self.half.x,
+            DVec4::Y / self.half.y,
+            DVec4::Z / (2.0 * self.half.z),
+            DVec4::new(0.0, 0.0, 1.0, 1.0),
+        )
+    }
+
+    /// The matrix from that frame to world space; its origin lies on the near face.
+    pub fn world_from_cascade(&self, light: &LightFrame) -> DMat4 {
+        let rotation = light.world_from_light();
+        let origin = rotation * (self.centre + DVec3::Z * self.half.z);
+        DMat4::from_mat3_translation(rotation, origin)
+    }
+}

@@ -1,0 +1,11 @@
+//! Pure shadow-map mathematics on `glam` types, in `f64`, free of ECS, assets and GPU.
+//!
+//! One idea a file: [`split`] says where cascades end, [`slice`] cuts the view volume there,
+//! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map over a slice and
+//! [`hull`] decides which casters can matter.
+
+pub mod fit;
+pub mod hull;
+pub mod light_frame;
+pub mod slice;
+pub mod split;

@@ -1,0 +1,142 @@
+//! The view volume and the slices that split planes cut from it.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3, Mat4, Vec4};
+
+/// What a camera sees, as needed to cut slices: a frame and a cross-section that is affine in
+/// depth. That covers perspective, orthographic, off-centre and custom projections alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewVolume {
+    /// The eye, in world space (metres).
+    pub eye: DVec3,
+    /// Camera axes in world space: right, up, and back (the camera looks along `-z_axis`).
+    /// Not normalised: a scaled camera sees a scaled volume.
+    pub axes: DMat3,
+    /// Lower corner of the cross-section, at depth zero and its growth per metre of depth.
+    pub min: [DVec2; 2],
+    /// Upper corner of the cross-section, at depth zero and its growth per metre of depth.
+    pub max: [DVec2; 2],
+    /// Depth of the camera's near plane (metres; may be negative for orthographic cameras).
+    pub near: f64,
+    /// Depth of the camera's far plane (metres; may be infinite).
+    pub far: f64,
+}
+
+/// Camera scales this close to one count as one: the length of a rotation's columns in `f32`
+/// varies in its last digits from frame to frame, and a map's size must not.
+const SCALE_STEP: f64 = 1.0 / 4096.0;
+
+impl ViewVolume {
+    /// Reads the volume off a camera's transform and projection.
+    ///
+    /// `clip_from_view` is Bevy's: right-handed, looking along −z, NDC z in [0, 1] with 1 near.
+    /// Returns `None` when either matrix is degenerate or not finite, or the planes are not in
+    /// order.
+    pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4, near: f64, far: f64) -> Option<Self> {
+        let m = clip_from_view;
+        let corner = |ndc: DVec2| -> Option<[DVec2; 2]> {
+            let x = edge(m.row(0), m.row(3), ndc.x)?;
+            let y = edge(m.row(1), m.row(3), ndc.y)?;
+            Some([DVec2::new(x[0], y[0]), DVec2::new(x[1], y[1])])
+        };
+        let volume = Self {
+            eye: world_from_view.translation,
+            axes: world_from_view.matrix3,
+            min: corner(DVec2::NEG_ONE)?,
+            max: corner(DVec2::ONE)?,
+            near,
+            far,
+        };
+        let finite = world_from_view.is_finite() && volume.axes.determinant().abs() > 1e-12;
+        (finite && near.is_finite() && far > near).then_some(volume)
+    }
+
+    /// The part of the volume between two depths, cut to the camera's own near and far planes.
+    /// `None` if nothing is left.
+    pub fn slice(&self, near: f64, far: f64) -> Option<Slice> {
+        let (near, far) = (near.max(self.near), far.min(self.far));
+        (near < far).then(|| Slice::new(self, near, far))
+    }
+
+    fn corners_at(&self, depth: f64) -> [DVec3; 4] {
+        let (lo, hi) = (self.min[0] + depth * self.min[1], self.max[0] + depth * self.max[1]);
+        [
+            DVec3::new(lo.x, lo.y, -depth),
+            DVec3::new(hi.x, lo.y, -depth),
+            DVec3::new(hi.x, hi.y, -depth),
+            DVec3::new(lo.x, hi.y, -depth),
+        ]
+    }
+}
+
+/// Solves `(row · (x, 0, -d, 1)) = ndc · (w_row · (x, 0, -d, 1))` for `x` as a function of the
+/// depth `d`: value at zero and slope. Cross terms between x and y do not occur in projections.
+fn edge(row: Vec4, w_row: Vec4, ndc: f64) -> Option<[f64; 2]> {
+    let scale = f64::from(row.x.abs().max(row.y.abs()));
+    let sign = f64::from(row.x + row.y).signum();
+    if !(scale > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    let constant = ndc * f64::from(w_row.w) - f64::from(row.w);
+    let slope = f64::from(row.z) - ndc * f64::from(w_row.z);
+    let solved = [sign * constant / scale, sign * slope / scale];
+    solved.iter().all(|x| x.is_finite()).then_some(solved)
+}
+
+/// A convex piece of a view volume between two depths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slice {
+    /// Corners in world space: four at the near depth, then four at the far depth, both starting
+    /// at the lower left and going round the same way.
+    pub corners: [DVec3; 8],
+    /// Centre of a bounding sphere, in world space.
+    pub centre: DVec3,
+    /// Radius of that sphere (metres). It depends on the projection and the two depths only,
+    /// not on where the camera is or looks: bit for bit the same from frame to frame.
+    pub radius: f64,
+}
+
+impl Slice {
+    fn new(view: &ViewVolume, near: f64, far: f64) -> Self {
+        let (a, b) = (view.corners_at(near), view.corners_at(far));
+        let mut local = [DVec3::ZERO; 8];
+        local[..4].copy_from_slice(&a);
+        local[4..].copy_from_slice(&b);
+
+        let scale = DVec3::new(
+            steady_length(view.axes.x_axis),
+            steady_length(view.axes.y_axis),
+            steady_length(view.axes.z_axis),
+        );
+        let (centre, radius) = bounding_sphere(&local, near, far, scale);
+        let world = |p: DVec3| view.eye + view.axes * p;
+        Self {
+            corners: local.map(world),
+            centre: world(centre),
+            radius,
+        }
+    }
+}
+
+fn steady_length(axis: DVec3) -> f64 {
+    (axis.length() / SCALE_STEP).round().max(1.0) * SCALE_STEP
+}
+
+/// The sphere on the volume's axis that touches near and far corners, or the far ones only
+/// where that is smaller; of least radius for symmetric volumes.
+fn bounding_sphere(local: &[DVec3; 8], near: f64, far: f64, scale: DVec3) -> (DVec3, f64) {
+    let middle = |quad: &[DVec3]| (quad[0] + quad[2]) * 0.5;
+    let (m_near, m_far) = (middle(&local[..4]), middle(&local[4..]));
+    let half_diagonal_2 = |quad: &[DVec3]| ((quad[2] - quad[0]) * 0.5 * scale).length_squared();
+    let (r_near, r_far) = (half_diagonal_2(&local[..4]), half_diagonal_2(&local[4..]));
+
+    let (a, b) = (near * scale.z, far * scale.z);
+    let equidistant = ((b * b + r_far) - (a * a + r_near)) / (2.0 * (b - a));
+    let t = ((equidistant.clamp(a, b) - a) / (b - a)).clamp(0.0, 1.0);
+    let centre = m_near.lerp(m_far, t);
+    let radius = local
+        .iter()
+        .map(|corner| ((*corner - centre) * scale).length_squared())
+        .fold(0.0, f64::max)
+        .sqrt();
+    (centre, radius)
+}

@@ -1,0 +1,1 @@
+//! Parallel-split shadow maps for Bevy.
