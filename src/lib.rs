@@ -1,1 +1,88 @@
-//! Parallel-split shadow maps for Bevy.
+//! Parallel-split shadow maps for Bevy: sharp, steady directional shadows over kilometres.
+//!
+//! Add [`PssmPlugin`] to the app and [`ParallelSplitShadows`] to the sun; every
+//! `StandardMaterial`, forward or deferred, then receives the plugin's shadows:
+//!
+//! ```no_run
+//! use bevy::prelude::*;
+//! use bevy_pssm::prelude::*;
+//!
+//! fn main() {
+//!     App::new()
+//!         .add_plugins((DefaultPlugins, PssmPlugin))
+//!         .add_systems(Startup, |mut commands: Commands| {
+//!             commands.spawn((DirectionalLight::default(), ParallelSplitShadows::default()));
+//!         })
+//!         .run();
+//! }
+//! ```
+//!
+//! # What is where
+//! - [`ParallelSplitShadows`] is the whole configuration; [`ShadowPreset`] takes it from a RON
+//!   file (`*.shadows.ron`) and follows its changes.
+//! - [`PssmSystems`] are the main world's system sets: order your own systems against them.
+//! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
+//!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`,
+//!   `CascadeShadowConfig`, `CascadesFrusta` and `CascadesVisibleEntities` are kept true.
+//! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
+//! - [`ShadowOverlay`] tints the picture by cascade.
+//! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
+//!
+//! # Limits
+//! WebGL2 has no array textures: there the plugin steps back and Bevy's shadows stay.
+
+pub mod config;
+pub mod debug;
+pub mod geometry;
+pub mod plan;
+pub mod render;
+pub mod shaders;
+pub mod systems;
+
+pub use config::{
+    CascadeFit, CasterCulling, ConfigError, MapSize, ParallelSplitShadows, ShadowPreset,
+    ShadowPresetError, SplitScheme,
+};
+pub use debug::ShadowOverlay;
+pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
+
+use bevy::{
+    app::{App, Plugin},
+    asset::AssetApp,
+};
+
+/// What a game needs: the plugin and its components.
+pub mod prelude {
+    #[doc(hidden)]
+    pub use crate::{
+        CascadeFit, CasterCulling, MapSize, ParallelSplitShadows, PssmPlugin, ShadowOverlay,
+        ShadowPreset, SplitScheme,
+    };
+}
+
+/// Parallel-split shadow maps for every `DirectionalLight` with [`ParallelSplitShadows`].
+///
+/// Add it after `DefaultPlugins`. Without a renderer it still plans and culls.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct PssmPlugin;
+
+impl Plugin for PssmPlugin {
+    fn build(&self, app: &mut App) {
+        let max_map_size = config::MaxMapSize::default();
+        app.init_resource::<render::GpuSupport>()
+            .init_resource::<ShadowOverlay>()
+            .register_type::<ParallelSplitShadows>()
+            .register_type::<ShadowPreset>()
+            .register_type::<ShadowOverlay>()
+            .init_asset::<ParallelSplitShadows>()
+            .register_asset_reflect::<ParallelSplitShadows>()
+            .register_asset_loader(config::ShadowPresetLoader::new(max_map_size.clone()))
+            .insert_resource(max_map_size);
+        systems::build(app);
+        render::build(app);
+    }
+
+    fn finish(&self, app: &mut App) {
+        render::finish(app);
+    }
+}

@@ -28,11 +28,13 @@ const SCALE_STEP: f64 = 1.0 / 4096.0;
 impl ViewVolume {
     /// Reads the volume off a camera's transform and projection.
     ///
-    /// `clip_from_view` is Bevy's: right-handed, looking along −z, NDC z in [0, 1] with 1 near.
+    /// `clip_from_view` is Bevy's: right-handed, looking along −z, NDC z in [0, 1] with 1 near;
+    /// `far` is given apart because Bevy's perspective matrices reach to infinity.
     /// Returns `None` when either matrix is degenerate or not finite, or the planes are not in
     /// order.
-    pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4, near: f64, far: f64) -> Option<Self> {
+    pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4, far: f64) -> Option<Self> {
         let m = clip_from_view;
+        let near = near_plane(m);
         let corner = |ndc: DVec2| -> Option<[DVec2; 2]> {
             let x = edge(m.row(0), m.row(3), ndc.x)?;
             let y = edge(m.row(1), m.row(3), ndc.y)?;
@@ -50,10 +52,10 @@ impl ViewVolume {
         (finite && near.is_finite() && far > near).then_some(volume)
     }
 
-    /// The part of the volume between two depths, cut to the camera's own near and far planes.
-    /// `None` if nothing is left.
+    /// The part of the volume between two depths, cut to the camera's own near and far planes
+    /// and to what lies before the eye. `None` if nothing is left.
     pub fn slice(&self, near: f64, far: f64) -> Option<Slice> {
-        let (near, far) = (near.max(self.near), far.min(self.far));
+        let (near, far) = (near.max(self.near).max(0.0), far.min(self.far));
         (near < far).then(|| Slice::new(self, near, far))
     }
 
@@ -66,6 +68,12 @@ impl ViewVolume {
             DVec3::new(lo.x, hi.y, -depth),
         ]
     }
+}
+
+/// The depth at which NDC z is 1.
+fn near_plane(clip_from_view: &Mat4) -> f64 {
+    let (z, w) = (clip_from_view.row(2), clip_from_view.row(3));
+    (f64::from(z.w) - f64::from(w.w)) / (f64::from(z.z) - f64::from(w.z))
 }
 
 /// Solves `(row · (x, 0, -d, 1)) = ndc · (w_row · (x, 0, -d, 1))` for `x` as a function of the

@@ -1,0 +1,196 @@
+//! An app without a window, stepped by hand, whose picture is read back.
+
+#![allow(dead_code, reason = "shared by several binaries")]
+
+use std::sync::{Arc, Mutex};
+
+use bevy::{
+    app::PluginsState,
+    asset::RenderAssetUsages,
+    camera::RenderTarget,
+    image::Image as BevyImage,
+    log::{
+        LogPlugin,
+        tracing::{Event, Level, Subscriber, field::{Field, Visit}},
+        tracing_subscriber::{Layer, Registry, layer::{Context, SubscriberExt}, util::SubscriberInitExt},
+    },
+    prelude::*,
+    render::{
+        RenderApp, RenderPlugin,
+        pipelined_rendering::PipelinedRenderingPlugin,
+        render_resource::{CachedPipelineState, PipelineCache, PollType, TextureFormat, TextureUsages},
+        renderer::RenderDevice,
+        settings::{RenderCreation, WgpuSettings},
+        view::screenshot::{Screenshot, ScreenshotCaptured},
+    },
+    time::TimeUpdateStrategy,
+    window::ExitCondition,
+    winit::WinitPlugin,
+};
+use image::RgbaImage;
+
+/// Steps after which a picture is final if nothing is left to load or compile.
+const SETTLE_STEPS: usize = 4;
+/// Steps after which waiting for assets or pipelines is given up.
+const MAX_STEPS: usize = 2000;
+
+/// A windowless app that renders into an image.
+pub struct Headless {
+    /// The app, for spawning and changing things between steps.
+    pub app: App,
+    /// What cameras should render to.
+    pub target: Handle<BevyImage>,
+}
+
+impl Headless {
+    /// Starts an app with Bevy's default plugins, and whatever `setup` adds, rendering pictures
+    /// of `size` pixels.
+    pub fn new(size: UVec2, setup: impl FnOnce(&mut App)) -> Self {
+        Self::with_gpu(size, WgpuSettings::default(), setup)
+    }
+
+    /// As [`Headless::new`], with the GPU's features or limits restricted.
+    pub fn with_gpu(size: UVec2, gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
+        capture_log();
+        let mut app = App::new();
+        app.add_plugins(
+            DefaultPlugins
+                .set(WindowPlugin {
+                    primary_window: None,
+                    exit_condition: ExitCondition::DontExit,
+                    ..default()
+                })
+                .set(RenderPlugin {
+                    render_creation: RenderCreation::Automatic(Box::new(gpu)),
+                    synchronous_pipeline_compilation: true,
+                    ..default()
+                })
+                .disable::<WinitPlugin>()
+                .disable::<LogPlugin>()
+                .disable::<PipelinedRenderingPlugin>(),
+        );
+        app.insert_resource(TimeUpdateStrategy::ManualDuration(core::time::Duration::ZERO));
+        setup(&mut app);
+        while app.plugins_state() == PluginsState::Adding {
+            bevy::tasks::tick_global_task_pools_on_main_thread();
+        }
+        app.finish();
+        app.cleanup();
+
+        let mut image = BevyImage::new_target_texture(
+            size.x,
+            size.y,
+            TextureFormat::Rgba8UnormSrgb,
+            None,
+        );
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        image.asset_usage = RenderAssetUsages::RENDER_WORLD;
+        let target = app.world_mut().resource_mut::<Assets<BevyImage>>().add(image);
+        Self { app, target }
+    }
+
+    /// The component that points a camera at the picture.
+    pub fn render_target(&self) -> RenderTarget {
+        RenderTarget::Image(self.target.clone().into())
+    }
+
+    /// One frame, finished on the GPU.
+    pub fn step(&mut self) {
+        self.app.update();
+        if let Some(device) = self.app.world().get_resource::<RenderDevice>() {
+            // A lost device shows in the next step.
+            let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+        }
+    }
+
+    /// Steps until shaders are compiled and the picture is final.
+    ///
+    /// # Panics
+    /// If that never happens or a pipeline fails to compile.
+    pub fn settle(&mut self) {
+        let mut quiet = 0;
+        for _ in 0..MAX_STEPS {
+            self.step();
+            let waiting = self.waiting_pipelines();
+            quiet = if waiting { 0 } else { quiet + 1 };
+            if quiet >= SETTLE_STEPS {
+                return;
+            }
+        }
+        panic!("pipelines are still waiting after {MAX_STEPS} frames");
+    }
+
+    fn waiting_pipelines(&self) -> bool {
+        let cache = self.app.sub_app(RenderApp).world().resource::<PipelineCache>();
+        for pipeline in cache.pipelines() {
+            if let CachedPipelineState::Err(err) = &pipeline.state {
+                let waits = format!("{err:?}").contains("NotLoaded")
+                    || format!("{err:?}").contains("NotYet");
+                assert!(waits, "a pipeline failed: {err}");
+            }
+        }
+        cache.waiting_pipelines().next().is_some()
+    }
+
+    /// The picture of the next frame.
+    ///
+    /// # Panics
+    /// If it never arrives.
+    pub fn picture(&mut self) -> RgbaImage {
+        let taken: Arc<Mutex<Option<RgbaImage>>> = Arc::default();
+        let slot = taken.clone();
+        self.app
+            .world_mut()
+            .spawn(Screenshot::image(self.target.clone()))
+            .observe(move |captured: On<ScreenshotCaptured>| {
+                let picture = captured.image.clone().try_into_dynamic().map(|i| i.to_rgba8());
+                if let (Ok(mut slot), Ok(picture)) = (slot.lock(), picture) {
+                    *slot = Some(picture);
+                }
+            });
+        for _ in 0..20 {
+            self.step();
+            if let Some(picture) = taken.lock().ok().and_then(|mut slot| slot.take()) {
+                return picture;
+            }
+        }
+        panic!("no picture arrived");
+    }
+}
+
+/// Log lines of level WARN and above since the last call.
+pub fn take_warnings() -> Vec<String> {
+    WARNINGS.lock().map(|mut lines| core::mem::take(&mut *lines)).unwrap_or_default()
+}
+
+static WARNINGS: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+fn capture_log() {
+    // Only the first app of a process can install it.
+    let _ = Registry::default().with(CaptureWarnings).try_init();
+}
+
+struct CaptureWarnings;
+
+impl<S: Subscriber> Layer<S> for CaptureWarnings {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        if *event.metadata().level() > Level::WARN {
+            return;
+        }
+        let mut line = Line(format!("{} {}:", event.metadata().level(), event.metadata().target()));
+        event.record(&mut line);
+        if let Ok(mut lines) = WARNINGS.lock() {
+            lines.push(line.0);
+        }
+    }
+}
+
+struct Line(String);
+
+impl Visit for Line {
+    fn record_debug(&mut self, field: &Field, value: &dyn core::fmt::Debug) {
+        if field.name() == "message" {
+            self.0 += &format!(" {value:?}");
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! From a view, a light and a configuration to the cascades that will be drawn: one pure
+//! function, no ECS, that calls [`geometry`](crate::geometry) in order.
+
+use glam::{DMat4, DVec2};
+
+use crate::{
+    config::{CascadeFit, ParallelSplitShadows},
+    geometry::{
+        fit,
+        hull::CasterHull,
+        light_frame::LightFrame,
+        slice::ViewVolume,
+        split::split_planes,
+    },
+};
+
+/// What a surface lookup can reach beyond the surface point itself, apart from the map's fit:
+/// filters and bias offsets. Maps keep this much guard and caster hulls this much margin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LookupReach {
+    /// In texels of the map.
+    pub texels: f64,
+    /// On top of that, in metres.
+    pub metres: f64,
+}
+
+impl LookupReach {
+    /// Half the widest filter kernel (the five-texel Gaussian's, with its bilinear taps).
+    const FILTER_TEXELS: f64 = 3.0;
+    /// The temporal filter's radius has a part that is constant in metres.
+    const FILTER_METRES: f64 = 0.05;
+
+    /// The reach under a light's biases: `normal_bias` in texels, `depth_bias` in metres, and
+    /// the size of a soft shadow's light in metres (0 for none), as in `DirectionalLight`.
+    pub fn new(normal_bias: f32, depth_bias: f32, soft_shadow_size: f32) -> Self {
+        let at_least_zero = |x: f32| if x > 0.0 { f64::from(x) } else { 0.0 };
+        // Bevy scales the normal bias by √2 for the worst-case diagonal.
+        let offset = at_least_zero(normal_bias.abs()) * core::f64::consts::SQRT_2;
+        Self {
+            texels: (Self::FILTER_TEXELS + offset).ceil(),
+            metres: Self::FILTER_METRES
+                + at_least_zero(depth_bias.abs())
+                + at_least_zero(soft_shadow_size),
+        }
+    }
+}
+
+/// One cascade of one light for one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CascadePlan {
+    /// Depth at which the cascade takes over, blend band included (metres from the eye).
+    pub near: f64,
+    /// Depth at which it ends (metres from the eye).
+    pub far: f64,
+    /// Depth at which blending into the next cascade, or for the last one into light, begins.
+    pub blend_start: f64,
+    /// Texels per side.
+    pub map_size: u32,
+    /// The map's extent; `None` if the camera sees nothing of this interval: no map at all.
+    pub map: Option<CascadeMap>,
+}
+
+/// The extent of a cascade's map and which casters matter to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CascadeMap {
+    /// World space to the map's clip space: orthographic, NDC z in [0, 1] with 1 at the light.
+    pub clip_from_world: DMat4,
+    /// The cascade's own frame (x, y along the map, z to the light, origin on the near face) to
+    /// clip space.
+    pub clip_from_cascade: DMat4,
+    /// The cascade's own frame to world space.
+    pub world_from_cascade: DMat4,
+    /// Size of a texel along the map's axes (metres).
+    pub texel: DVec2,
+    /// Where casters can stand that matter to the slice.
+    pub hull: CasterHull,
+}
+
+/// Plans all cascades of a light for a view.
+///
+/// `config` must have passed [`ParallelSplitShadows::validate`].
+pub fn plan_cascades(
+    view: &ViewVolume,
+    light: &LightFrame,
+    config: &ParallelSplitShadows,
+    reach: LookupReach,
+) -> Vec<CascadePlan> {
+    let count = config.cascades as usize;
+    let planes = split_planes(&config.splits, config.near, config.far, count);
+    let blend_start = |index: usize| {
+        let share = if index + 1 == count { config.fade } else { config.blend };
+        planes[index + 1] - share * (planes[index + 1] - planes[index])
+    };
+    (0..count)
+        .map(|index| {
+            let far = planes[index + 1];
+            let near = if index == 0 { f64::NEG_INFINITY } else { blend_start(index - 1) };
+            let map_size = config.map_size.of_cascade(index);
+            CascadePlan {
+                near,
+                far,
+                blend_start: blend_start(index),
+                map_size,
+                // Where planes fall together the cascade before already reaches this far.
+                map: (planes[index] < far)
+                    .then(|| plan_map(view, light, config.fit, (near, far), map_size, reach))
+                    .flatten(),
+            }
+        })
+        .collect()
+}
+
+fn plan_map(
+    view: &ViewVolume,
+    light: &LightFrame,
+    fit: CascadeFit,
+    (near, far): (f64, f64),
+    map_size: u32,
+    reach: LookupReach,
+) -> Option<CascadeMap> {
+    let slice = view.slice(near, far)?;
+    let map = match fit {
+        CascadeFit::Stable => fit::stable(&slice, light, map_size, reach.texels),
+        CascadeFit::Tight => fit::tight(&slice, light, map_size, reach.texels),
+    };
+    let margin = reach.texels * map.texel.max_element() + reach.metres;
+    Some(CascadeMap {
+        clip_from_world: map.clip_from_world(light),
+        clip_from_cascade: map.clip_from_cascade(),
+        world_from_cascade: map.world_from_cascade(light),
+        texel: map.texel,
+        hull: CasterHull::new(&slice, light.z, margin),
+    })
+}

@@ -1,0 +1,119 @@
+//! From the main world to the render world.
+
+use bevy::{
+    camera::{Camera, Camera3d, primitives::{CascadesFrusta, Frustum}, visibility::CascadesVisibleEntities},
+    ecs::{
+        entity::Entity,
+        query::With,
+        resource::Resource,
+        system::{Local, Query, Res, ResMut, SystemState},
+        world::World,
+    },
+    light::{CascadeShadowConfig, Cascades, DirectionalLight},
+    render::{Extract, MainWorld, sync_world::{MainEntity, MainEntityHashMap}},
+    shape::ViewFrustum,
+};
+
+use crate::{
+    debug::ShadowOverlay,
+    plan::CascadePlan,
+    systems::{ManagedLight, ShadowPlans, parked_cascade},
+};
+
+/// What the render world needs to know of the managed lights' plans.
+#[derive(Resource, Debug, Default)]
+pub(crate) struct ExtractedShadows {
+    /// By light, then by camera: its cascades.
+    pub lights: MainEntityHashMap<MainEntityHashMap<Vec<ExtractedCascade>>>,
+    pub overlay: ShadowOverlay,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ExtractedCascade {
+    pub map_size: u32,
+    /// `None` without a map.
+    pub texel: Option<[f32; 2]>,
+    pub blend_start: f32,
+    pub far: f32,
+}
+
+impl From<&CascadePlan> for ExtractedCascade {
+    fn from(plan: &CascadePlan) -> Self {
+        Self {
+            map_size: plan.map_size,
+            texel: plan.map.as_ref().map(|map| map.texel.as_vec2().to_array()),
+            blend_start: plan.blend_start as f32,
+            far: plan.far as f32,
+        }
+    }
+}
+
+pub(super) fn extract_shadows(
+    mut extracted: ResMut<ExtractedShadows>,
+    lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
+    overlay: Extract<Res<ShadowOverlay>>,
+) {
+    extracted.overlay = **overlay;
+    extracted.lights.clear();
+    for (light, managed, plans, directional) in &lights {
+        if managed.config().is_none() || !directional.shadow_maps_enabled {
+            continue;
+        }
+        let views = plans
+            .views
+            .iter()
+            .map(|(view, plan)| {
+                (MainEntity::from(*view), plan.iter().map(ExtractedCascade::from).collect())
+            })
+            .collect();
+        extracted.lights.insert(MainEntity::from(light), views);
+    }
+}
+
+type LateViews<'w, 's> = (
+    Query<'w, 's, (Entity, &'static Camera), With<Camera3d>>,
+    Query<
+        'w,
+        's,
+        (
+            &'static DirectionalLight,
+            &'static CascadeShadowConfig,
+            &'static mut Cascades,
+            &'static mut CascadesFrusta,
+            &'static mut CascadesVisibleEntities,
+        ),
+    >,
+);
+
+/// Bevy's renderer expects every active camera in every shadowed light's maps and panics over
+/// one that was activated, or a light that was enabled, after they were filled. Such a view
+/// gets cascades that cover nothing, for the one frame.
+pub(super) fn fill_missing_views(
+    mut main_world: ResMut<MainWorld>,
+    mut state: Local<Option<SystemState<LateViews<'static, 'static>>>>,
+) {
+    let world: &mut World = &mut main_world;
+    let state = state.get_or_insert_with(|| SystemState::new(world));
+    let Ok((cameras, mut lights)) = state.get_mut(world) else {
+        return;
+    };
+    for (light, config, mut cascades, mut frusta, mut lists) in &mut lights {
+        if !light.shadow_maps_enabled {
+            continue;
+        }
+        let count = config.bounds.len();
+        for (camera, _) in cameras.iter().filter(|(_, camera)| camera.is_active) {
+            let complete = |len: Option<usize>| len == Some(count);
+            let has_cascades = complete(cascades.cascades.get(&camera).map(Vec::len));
+            let has_frusta = complete(frusta.frusta.get(&camera).map(Vec::len));
+            if has_cascades && has_frusta && lists.entities.contains_key(&camera) {
+                continue;
+            }
+            let parked = parked_cascade();
+            let frustum = Frustum(ViewFrustum::from_clip_from_world(&parked.clip_from_world));
+            cascades.cascades.insert(camera, vec![parked; count]);
+            frusta.frusta.insert(camera, vec![frustum; count]);
+            lists.entities.insert(camera, vec![Default::default(); count]);
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! The render world: cascades drawn by an own pass into an own depth target, sampled by an own
+//! shader module.
+//!
+//! While any light is managed, *all* maps that share Bevy's array texture move here: our
+//! cascades, those of other directional lights and spot lights' maps. The cameras' bindings
+//! name one texture, so all must live in it.
+
+mod adopt;
+mod extract;
+mod pass;
+mod uniform;
+
+pub use adopt::{AdoptedMap, ShadowTarget};
+pub use pass::{SHADOW_PASS_SPAN, shadow_map_pass};
+
+pub(crate) use extract::ExtractedShadows;
+
+use bevy::{
+    app::{App, PreUpdate},
+    asset::AssetTrackingSystems,
+    core_pipeline::schedule::{Core3d, Core3dSystems},
+    ecs::{resource::Resource, schedule::IntoScheduleConfigs},
+    log::warn,
+    pbr::{extract_lights, main_build_indirect_parameters, prepare_lights},
+    render::{
+        ExtractSchedule, Render, RenderApp, RenderSystems, renderer::RenderDevice,
+    },
+};
+
+use crate::{config::MaxMapSize, shaders};
+
+/// Whether the GPU can hold our maps.
+#[derive(Resource, Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct GpuSupport {
+    layers: u32,
+}
+
+impl Default for GpuSupport {
+    fn default() -> Self {
+        // Without a renderer (servers, tests) planning goes on as though there were one.
+        Self { layers: u32::MAX }
+    }
+}
+
+impl GpuSupport {
+    /// An array texture needs room for one light's cascades at least; WebGL2 has none.
+    pub(crate) fn shadows(self) -> bool {
+        self.layers >= crate::config::MAX_CASCADES as u32
+    }
+}
+
+pub(crate) fn build(app: &mut App) {
+    if app.get_sub_app(RenderApp).is_none() {
+        return;
+    }
+    shaders::build(app);
+    app.add_systems(PreUpdate, shaders::replace_shadow_module.after(AssetTrackingSystems));
+    let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+        return;
+    };
+    render_app
+        .init_resource::<ExtractedShadows>()
+        .init_resource::<adopt::ShadowTarget>()
+        .add_systems(
+            ExtractSchedule,
+            (extract::fill_missing_views.before(extract_lights), extract::extract_shadows),
+        )
+        .add_systems(
+            Render,
+            (
+                adopt::forgo_occlusion_culling
+                    .in_set(RenderSystems::CreateViews)
+                    .before(prepare_lights),
+                adopt::adopt_views.in_set(RenderSystems::PrepareViews).after(prepare_lights),
+                uniform::write_uniforms.in_set(RenderSystems::PrepareResources),
+            ),
+        )
+        .add_systems(
+            Core3d,
+            // Earlier, GPU culling would not have built the draws yet.
+            shadow_map_pass
+                .after(main_build_indirect_parameters)
+                .before(Core3dSystems::MainPass),
+        );
+}
+
+pub(crate) fn finish(app: &mut App) {
+    let Some(limits) = app
+        .get_sub_app(RenderApp)
+        .and_then(|render_app| render_app.world().get_resource::<RenderDevice>())
+        .map(RenderDevice::limits)
+    else {
+        return;
+    };
+    app.world().resource::<MaxMapSize>().set(limits.max_texture_dimension_2d);
+    let support = GpuSupport { layers: limits.max_texture_array_layers };
+    if !support.shadows() {
+        warn!("This GPU has no array textures: Bevy's own shadows stay in force");
+    }
+    app.insert_resource(support);
+}

@@ -1,0 +1,63 @@
+//! The own pass: draws one adopted map through Bevy's caster phase.
+
+use bevy::{
+    ecs::{entity::Entity, system::Res, world::World},
+    log::error,
+    pbr::Shadow,
+    render::{
+        diagnostic::RecordDiagnostics,
+        render_phase::ViewBinnedRenderPhases,
+        render_resource::{
+            LoadOp, Operations, RenderPassDepthStencilAttachment, RenderPassDescriptor, StoreOp,
+        },
+        renderer::{RenderContext, ViewQuery},
+        view::ExtractedView,
+    },
+};
+
+use super::adopt::{AdoptedMap, ShadowTarget};
+
+/// Name under which `RenderDiagnosticsPlugin` reports map `i` of the target (the first camera's
+/// cascades come first): `render/pssm_shadow_map_{i}/elapsed_gpu`, `…/vertex_shader_invocations`
+/// and so on.
+pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
+
+/// Draws the map of the current root view, if it is one of ours. Runs in `Core3d`.
+pub fn shadow_map_pass(
+    world: &World,
+    view: ViewQuery<(Entity, &AdoptedMap, &ExtractedView)>,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    target: Res<ShadowTarget>,
+    mut ctx: RenderContext,
+) {
+    let (entity, map, extracted_view) = view.into_inner();
+    let (Some(phase), Some(layer)) =
+        (phases.get(&extracted_view.retained_view_entity), target.layer(map.layer))
+    else {
+        return;
+    };
+    if map.skip_if_empty && phase.is_empty() {
+        return;
+    }
+
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some(SHADOW_PASS_SPAN),
+        depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
+            view: layer,
+            // Reverse z: nothing is farther than 0.
+            depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
+            stencil_ops: None,
+        }),
+        ..Default::default()
+    });
+    let span = diagnostics
+        .pass_span(&mut pass, format!("{SHADOW_PASS_SPAN}_{}", map.layer));
+    pass.set_viewport(0.0, 0.0, map.size as f32, map.size as f32, 0.0, 1.0);
+    pass.set_scissor_rect(0, 0, map.size, map.size);
+    if let Err(err) = phase.render(&mut pass, world, entity) {
+        error!("Could not draw shadow casters: {err:?}");
+    }
+    span.end(&mut pass);
+}

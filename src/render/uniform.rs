@@ -1,0 +1,139 @@
+//! Per-cascade data for the shader, in the unused slots of Bevy's light uniform.
+//!
+//! Slots of the `directional_lights` array past the lights in use are not read by Bevy. From
+//! the last slot downwards each managed light takes one; `shaders/slot.wesl` reads them.
+
+use bevy::{
+    ecs::system::{Query, Res},
+    pbr::{LightMeta, MAX_DIRECTIONAL_LIGHTS, Shadow, ViewLightsUniformOffset},
+    render::{
+        render_phase::ViewBinnedRenderPhases,
+        render_resource::Buffer,
+        renderer::RenderQueue,
+        view::ExtractedView,
+    },
+};
+
+use crate::shaders::SLOT_MARK;
+
+use super::{
+    ExtractedShadows,
+    adopt::{AdoptedLight, AdoptedLights, ShadowTarget},
+};
+
+/// Bytes of a light in the uniform, and where its fields lie (std140; `GpuDirectionalLight` of
+/// `bevy_pbr` 0.20 keeps its fields private).
+mod layout {
+    pub const LIGHT: usize = 400;
+    pub const CASCADE: usize = 80;
+    pub const TEXEL_SIZE: usize = 64;
+    pub const COLOR: usize = 320;
+    pub const DIR_TO_LIGHT: usize = 336;
+    pub const OVERLAP: usize = 368;
+    pub const BASE_INDEX: usize = 372;
+}
+
+pub(super) fn write_uniforms(
+    queue: Res<RenderQueue>,
+    light_meta: Res<LightMeta>,
+    target: Res<ShadowTarget>,
+    extracted: Res<ExtractedShadows>,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights)>,
+    views: Query<&ExtractedView>,
+) {
+    let (Some(buffer), true) = (light_meta.view_gpu_lights.buffer(), target.size > 0) else {
+        return;
+    };
+    let is_drawn = |view| {
+        views
+            .get(view)
+            .ok()
+            .and_then(|view| phases.get(&view.retained_view_entity))
+            .is_some_and(|phase| !phase.is_empty())
+    };
+    for (offset, adopted) in &cameras {
+        let lights = Lights { queue: &queue, buffer, offset: u64::from(offset.offset) };
+        let last = MAX_DIRECTIONAL_LIGHTS - 1;
+        let mut slots = vec![[0_f32; layout::LIGHT / 4]];
+        let stock_scale = target.stock_size as f32 / target.size as f32;
+        write_at(
+            &mut slots[0],
+            layout::DIR_TO_LIGHT,
+            &[SLOT_MARK as f32, stock_scale, f32::from(u8::from(extracted.overlay.cascade_tint))],
+        );
+        let mut ours = 0;
+        for light in &adopted.lights {
+            let index = light.index as usize;
+            lights.write(index, layout::BASE_INDEX, &light.base_layer.to_ne_bytes());
+            if !light.is_ours() {
+                continue;
+            }
+            if ours == slots.len() {
+                slots.push([0.0; layout::LIGHT / 4]);
+            }
+            fill_slot(&mut slots[ours], light, target.size as f32, is_drawn);
+            for cascade in 0..light.cascades.len() {
+                // Bevy's texel sizes are positive: the sign tells the shader whose light it is.
+                let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
+                lights.write(index, field, &(-1.0_f32).to_ne_bytes());
+            }
+            lights.write(index, layout::OVERLAP, &((last - ours) as f32).to_ne_bytes());
+            ours += 1;
+        }
+        for (position, slot) in slots.iter().enumerate() {
+            let bytes: Vec<u8> = slot.iter().flat_map(|value| value.to_ne_bytes()).collect();
+            lights.write(last - position, 0, &bytes);
+        }
+    }
+}
+
+/// The `lights` uniform of one camera.
+struct Lights<'a> {
+    queue: &'a RenderQueue,
+    buffer: &'a Buffer,
+    offset: u64,
+}
+
+impl Lights<'_> {
+    fn write(&self, light: usize, field: usize, bytes: &[u8]) {
+        let at = self.offset + (light * layout::LIGHT + field) as u64;
+        self.queue.write_buffer(self.buffer, at, bytes);
+    }
+}
+
+fn fill_slot(
+    slot: &mut [f32; layout::LIGHT / 4],
+    light: &AdoptedLight,
+    target_size: f32,
+    is_drawn: impl Fn(bevy::ecs::entity::Entity) -> bool,
+) {
+    for (index, (view, cascade)) in light.cascades.iter().enumerate() {
+        let Some(cascade) = cascade else {
+            continue;
+        };
+        let [texel_x, texel_y] = cascade.texel.unwrap_or_default();
+        let has_map = cascade.texel.is_some();
+        write_at(
+            slot,
+            index * layout::CASCADE,
+            &[
+                cascade.map_size as f32 / target_size,
+                texel_x,
+                texel_y,
+                f32::from(u8::from(has_map)) + f32::from(u8::from(has_map && is_drawn(*view))),
+                cascade.blend_start,
+                cascade.far,
+                cascade.map_size as f32,
+                0.0,
+            ],
+        );
+    }
+    if let Some((_, Some(first))) = light.cascades.first() {
+        write_at(slot, layout::COLOR, &[first.far, 0.0, 0.0, 0.0]);
+    }
+}
+
+fn write_at(slot: &mut [f32; layout::LIGHT / 4], byte: usize, values: &[f32]) {
+    slot[byte / 4..byte / 4 + values.len()].copy_from_slice(values);
+}

@@ -1,0 +1,148 @@
+//! Which lights are ours, with which configuration, and what they were before.
+
+use bevy::{
+    asset::{AssetEvent, Assets},
+    ecs::{
+        change_detection::{DetectChanges, DetectChangesMut, Ref},
+        component::Component,
+        entity::Entity,
+        lifecycle::Remove,
+        message::MessageReader,
+        observer::On,
+        system::{Commands, Query, Res},
+    },
+    light::{CascadeShadowConfig, DirectionalLight},
+    log::warn,
+};
+
+use super::{CasterCascades, ShadowPlans};
+use crate::{
+    config::{MaxMapSize, ParallelSplitShadows, ShadowPreset},
+    geometry::split::split_planes,
+    render::GpuSupport,
+};
+
+/// The plugin's record of a light: the configuration in force and Bevy's settings to restore.
+/// Added with [`ParallelSplitShadows`].
+#[derive(Component, Debug, Default, Clone)]
+#[require(ShadowPlans, CasterCascades)]
+pub struct ManagedLight {
+    last_good: Option<ParallelSplitShadows>,
+    stock: Option<StockShadows>,
+}
+
+impl ManagedLight {
+    /// The last good configuration; `None` while Bevy's own shadows are in force.
+    pub fn config(&self) -> Option<&ParallelSplitShadows> {
+        self.last_good.as_ref()
+    }
+}
+
+#[derive(Debug, Clone)]
+struct StockShadows {
+    shadow_maps_enabled: bool,
+    cascade_config: CascadeShadowConfig,
+}
+
+pub(super) fn apply_presets(
+    mut commands: Commands,
+    mut changed: MessageReader<AssetEvent<ParallelSplitShadows>>,
+    presets: Res<Assets<ParallelSplitShadows>>,
+    lights: Query<(Entity, Ref<ShadowPreset>, Option<&ParallelSplitShadows>)>,
+) {
+    let changed: Vec<_> = changed
+        .read()
+        .filter_map(|event| match event {
+            AssetEvent::Added { id }
+            | AssetEvent::Modified { id }
+            | AssetEvent::LoadedWithDependencies { id } => Some(*id),
+            _ => None,
+        })
+        .collect();
+    for (light, preset, current) in &lights {
+        if !preset.is_changed() && !changed.contains(&preset.0.id()) {
+            continue;
+        }
+        if let Some(config) = presets.get(&preset.0)
+            && current != Some(config)
+        {
+            commands.entity(light).insert(config.clone());
+        }
+    }
+}
+
+pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Commands) {
+    if let Ok(mut light) = commands.get_entity(removed.entity) {
+        light.try_remove::<ParallelSplitShadows>();
+    }
+}
+
+pub(super) fn manage_lights(
+    mut commands: Commands,
+    max_map_size: Res<MaxMapSize>,
+    support: Res<GpuSupport>,
+    mut lights: Query<(
+        Entity,
+        Option<Ref<ParallelSplitShadows>>,
+        &mut ManagedLight,
+        &mut DirectionalLight,
+        &mut CascadeShadowConfig,
+    )>,
+) {
+    for (entity, config, mut managed, mut light, mut cascade_config) in &mut lights {
+        let removed = config.is_none();
+        let Some(config) = config.filter(|config| config.enabled && support.shadows()) else {
+            managed.last_good = None;
+            if let Some(stock) = managed.stock.take() {
+                light.shadow_maps_enabled &= stock.shadow_maps_enabled;
+                *cascade_config = stock.cascade_config;
+            }
+            if removed {
+                commands.entity(entity).remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
+            }
+            continue;
+        };
+        if config.is_changed() || managed.last_good.is_none() && managed.is_added() {
+            match config.validate(max_map_size.get()) {
+                Ok(()) => managed.last_good = Some((*config).clone()),
+                Err(error) => warn!("Keeping the last good shadows of light {entity}: {error}"),
+            }
+        }
+        let Some(good) = managed.last_good.clone() else {
+            continue;
+        };
+        if managed.stock.is_none() {
+            managed.stock = Some(StockShadows {
+                shadow_maps_enabled: light.shadow_maps_enabled,
+                cascade_config: cascade_config.clone(),
+            });
+            light.shadow_maps_enabled = true;
+        }
+        let published = published_config(&good);
+        if !same_config(&published, &cascade_config) {
+            *cascade_config.bypass_change_detection() = published;
+            cascade_config.set_changed();
+        }
+    }
+}
+
+/// The configuration in the terms of Bevy's component, for whatever reads that.
+fn published_config(config: &ParallelSplitShadows) -> CascadeShadowConfig {
+    let planes = split_planes(&config.splits, config.near, config.far, config.cascades as usize);
+    // One proportion of the far bound must hold for all: the least of ours.
+    let overlap = planes
+        .windows(2)
+        .map(|slice| config.blend * (slice[1] - slice[0]) / slice[1])
+        .fold(f64::INFINITY, f64::min);
+    CascadeShadowConfig {
+        bounds: planes[1..].iter().map(|plane| *plane as f32).collect(),
+        overlap_proportion: overlap as f32,
+        minimum_distance: config.near as f32,
+    }
+}
+
+fn same_config(a: &CascadeShadowConfig, b: &CascadeShadowConfig) -> bool {
+    a.bounds == b.bounds
+        && a.overlap_proportion == b.overlap_proportion
+        && a.minimum_distance == b.minimum_distance
+}

@@ -1,0 +1,67 @@
+//! Thin ECS systems: what is configured, what is planned and which casters are drawn.
+
+mod cull;
+mod manage;
+mod plan;
+
+pub use cull::{CascadeRange, CasterCascades};
+pub use manage::ManagedLight;
+pub use plan::{ShadowPlans, parked_cascade};
+
+use bevy::{
+    app::{App, PostUpdate, PreUpdate},
+    asset::AssetEventSystems,
+    camera::visibility::VisibilitySystems,
+    ecs::schedule::{IntoScheduleConfigs, SystemSet},
+    light::SimulationLightSystems,
+    transform::TransformSystems,
+};
+
+/// The plugin's system sets in the main world.
+#[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PssmSystems {
+    /// In `PreUpdate`. After this set, lights with a [`ShadowPreset`](crate::ShadowPreset)
+    /// carry the configuration of the latest good version of its file.
+    ApplyPresets,
+    /// In `PostUpdate`. After this set, every managed light has its last good configuration in
+    /// force, and every light let go has Bevy's settings back.
+    ManageLights,
+    /// In `PostUpdate`. After this set, [`ShadowPlans`] are up to date.
+    PlanCascades,
+    /// In `PostUpdate`. After this set, [`CasterCascades`] and Bevy's `Cascades`,
+    /// `CascadesFrusta` and `CascadesVisibleEntities` are up to date for managed lights.
+    CullCasters,
+}
+
+pub(crate) fn build(app: &mut App) {
+    app.configure_sets(
+        PostUpdate,
+        (
+            PssmSystems::ManageLights
+                .before(SimulationLightSystems::UpdateDirectionalLightCascades),
+            // Between these two, so that Bevy finds no cascades of ours to cull for.
+            PssmSystems::PlanCascades
+                .after(PssmSystems::ManageLights)
+                .after(TransformSystems::Propagate)
+                .after(SimulationLightSystems::UpdateDirectionalLightCascades)
+                .before(SimulationLightSystems::UpdateLightFrusta),
+            PssmSystems::CullCasters
+                .after(PssmSystems::PlanCascades)
+                .after(VisibilitySystems::CalculateBounds)
+                .after(VisibilitySystems::CheckVisibility)
+                .after(SimulationLightSystems::CheckLightVisibility)
+                .before(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
+        ),
+    )
+    .configure_sets(PreUpdate, PssmSystems::ApplyPresets.after(AssetEventSystems))
+    .add_systems(PreUpdate, manage::apply_presets.in_set(PssmSystems::ApplyPresets))
+    .add_systems(
+        PostUpdate,
+        (
+            manage::manage_lights.in_set(PssmSystems::ManageLights),
+            plan::plan_shadows.in_set(PssmSystems::PlanCascades),
+            cull::cull_casters.in_set(PssmSystems::CullCasters),
+        ),
+    )
+    .add_observer(manage::forget_preset);
+}

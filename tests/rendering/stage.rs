@@ -1,0 +1,170 @@
+//! A small scene with thin and thick casters near and far, under one sun.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use bevy::{
+    camera::RenderTarget,
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
+    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap},
+    prelude::*,
+    render::settings::WgpuSettings,
+};
+use bevy_pssm::prelude::*;
+use image::RgbaImage;
+
+use crate::headless::Headless;
+
+/// Pictures are this large (pixels).
+pub const SIZE: UVec2 = UVec2::new(320, 240);
+
+/// One app at a time: apps share the device's two cores and the log.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// The scene, and the app that renders it.
+pub struct Stage {
+    headless: Headless,
+    _turn: MutexGuard<'static, ()>,
+}
+
+/// What tests give the sun unless they are about something else.
+pub fn shadows() -> ParallelSplitShadows {
+    ParallelSplitShadows {
+        far: 200.0,
+        map_size: MapSize::Same(1024),
+        ..default()
+    }
+}
+
+/// Bevy's cascades over the same range.
+pub fn stock_cascades() -> CascadeShadowConfig {
+    CascadeShadowConfigBuilder {
+        minimum_distance: 1.0,
+        maximum_distance: 200.0,
+        first_cascade_far_bound: 10.0,
+        ..default()
+    }
+    .build()
+}
+
+impl Stage {
+    /// Ground, casters and an eye; no light yet.
+    pub fn new() -> Self {
+        Self::with_app(WgpuSettings::default(), |_| {})
+    }
+
+    /// As [`Stage::new`], on a restricted GPU or with more plugins.
+    pub fn with_app(gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let headless = Headless::with_gpu(SIZE, gpu, |app| {
+            app.add_plugins(PssmPlugin)
+                .insert_resource(DirectionalLightShadowMap { size: 1024 })
+                .insert_resource(GlobalAmbientLight { brightness: 200.0, ..default() })
+                .insert_resource(ClearColor(Color::srgb(0.5, 0.7, 0.9)))
+                .add_systems(Startup, spawn_scene);
+            setup(app);
+        });
+        let mut stage = Self { headless, _turn: turn };
+        stage.headless.step();
+        stage
+    }
+
+    pub fn world(&mut self) -> &mut World {
+        self.headless.app.world_mut()
+    }
+
+    pub fn step(&mut self) {
+        self.headless.step();
+    }
+
+    pub fn target(&self) -> RenderTarget {
+        self.headless.render_target()
+    }
+
+    /// A camera in the usual place.
+    pub fn camera(&mut self) -> Entity {
+        let camera = camera(self.target());
+        self.world().spawn(camera).id()
+    }
+
+    /// A sun with Bevy's shadows.
+    pub fn sun(&mut self) -> Entity {
+        self.world().spawn(sun()).id()
+    }
+
+    /// The picture, once everything is loaded and compiled. Adds the usual camera if there is
+    /// none.
+    pub fn picture(&mut self) -> RgbaImage {
+        let mut cameras = self.world().query_filtered::<Entity, With<Camera3d>>();
+        if cameras.iter(self.headless.app.world()).next().is_none() {
+            self.camera();
+        }
+        self.headless.settle();
+        self.headless.picture()
+    }
+}
+
+/// The usual sun: low, from the left behind.
+pub fn sun() -> impl Bundle {
+    (
+        DirectionalLight { illuminance: 8000.0, shadow_maps_enabled: true, ..default() },
+        Transform::from_xyz(-4.0, 5.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
+        stock_cascades(),
+    )
+}
+
+/// The usual camera: at a man's height, looking along the row of casters.
+pub fn camera(target: RenderTarget) -> impl Bundle {
+    (
+        Camera3d::default(),
+        target,
+        eye(),
+        Tonemapping::None,
+        DebandDither::Disabled,
+        Msaa::Off,
+    )
+}
+
+pub fn eye() -> Transform {
+    Transform::from_xyz(6.0, 4.0, 12.0).looking_at(Vec3::new(-2.0, 0.5, -10.0), Vec3::Y)
+}
+
+fn spawn_scene(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let paint = |color: Color| StandardMaterial {
+        base_color: color,
+        perceptual_roughness: 1.0,
+        reflectance: 0.0,
+        ..default()
+    };
+    let ground = materials.add(paint(Color::srgb(0.75, 0.75, 0.7)));
+    let bright = materials.add(paint(Color::srgb(0.9, 0.5, 0.3)));
+    let dark = materials.add(paint(Color::srgb(0.4, 0.6, 0.8)));
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(600.0, 600.0))),
+        MeshMaterial3d(ground),
+    ));
+    let ball = meshes.add(Sphere::new(1.0).mesh().uv(32, 18));
+    let post = meshes.add(Cylinder::new(0.08, 4.0));
+    let block = meshes.add(Cuboid::new(2.0, 3.0, 1.0));
+    for row in 0..12 {
+        let z = 4.0 - 9.0 * row as f32;
+        commands.spawn((
+            Mesh3d(ball.clone()),
+            MeshMaterial3d(bright.clone()),
+            Transform::from_xyz(-3.0, 1.5, z),
+        ));
+        commands.spawn((
+            Mesh3d(post.clone()),
+            MeshMaterial3d(dark.clone()),
+            Transform::from_xyz(0.5, 2.0, z - 2.0),
+        ));
+        commands.spawn((
+            Mesh3d(block.clone()),
+            MeshMaterial3d(dark.clone()),
+            Transform::from_xyz(5.0, 1.5, z - 5.0).with_rotation(Quat::from_rotation_y(0.4)),
+        ));
+    }
+}
