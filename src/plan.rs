@@ -123,9 +123,13 @@ fn plan_map(
         CascadeFit::Stable => fit::stable(&slice, light, map_size, reach.texels),
         CascadeFit::Tight => fit::tight(&slice, light, map_size, reach.texels),
     };
+    let clip_from_world = map.clip_from_world(light);
+    if !clip_from_world.as_mat4().is_finite() {
+        return None;
+    }
     let margin = reach.texels * map.texel.max_element() + reach.metres;
     Some(CascadeMap {
-        clip_from_world: map.clip_from_world(light),
+        clip_from_world,
         clip_from_cascade: map.clip_from_cascade(),
         world_from_cascade: map.world_from_cascade(light),
         texel: map.texel,

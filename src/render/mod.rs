@@ -60,7 +60,7 @@ pub(crate) fn build(app: &mut App) {
     };
     render_app
         .init_resource::<ExtractedShadows>()
-        .init_resource::<adopt::ShadowTarget>()
+        .init_resource::<ShadowTarget>()
         .add_systems(
             ExtractSchedule,
             (extract::fill_missing_views.before(extract_lights), extract::extract_shadows),

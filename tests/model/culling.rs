@@ -1,0 +1,83 @@
+//! The caster hull: never loses what can throw a shadow into the slice.
+
+use bevy::math::{DMat3, DVec3, Quat, Vec3};
+use bevy_pssm::geometry::{hull::CasterHull, slice::Slice};
+use proptest::prelude::*;
+
+use crate::views::{any_direction, any_turn, perspective, volume};
+
+fn slice(turn: Quat, near: f64, far: f64) -> Slice {
+    volume(&perspective(1.05, 1.6), Vec3::new(30.0, 10.0, -20.0), turn)
+        .slice(near, far)
+        .expect("not empty")
+}
+
+/// A point of the slice, from weights of its corners.
+fn inside(slice: &Slice, weights: [f64; 8]) -> DVec3 {
+    let total: f64 = weights.iter().sum();
+    slice.corners.iter().zip(weights).map(|(corner, w)| *corner * (w / total)).sum()
+}
+
+proptest! {
+    #[test]
+    fn casters_on_the_way_to_the_light_are_kept(
+        turn in any_turn(),
+        to_light in any_direction(),
+        near in 0.0..200.0_f64,
+        length in 0.5..600.0_f64,
+        weights in prop::array::uniform8(1e-6..1.0_f64),
+        way in 0.0..3000.0_f64,
+        half in prop::array::uniform3(1e-3..20.0_f64),
+        spin in any_turn(),
+        // Where in the box the ray passes.
+        hit in prop::array::uniform3(-1.0..1.0_f64),
+    ) {
+        let slice = slice(turn, near, near + length);
+        let hull = CasterHull::new(&slice, to_light, 0.0);
+        let axes = DMat3::from_quat(spin.as_dquat().normalize()) * DMat3::from_diagonal(half.into());
+        let on_ray = inside(&slice, weights) + to_light * way;
+        let centre = on_ray - axes * DVec3::from(hit);
+        prop_assert!(hull.intersects_box(centre, &axes));
+    }
+
+    #[test]
+    fn casters_behind_or_beside_everything_are_dropped(
+        turn in any_turn(),
+        to_light in any_direction(),
+        radius in 0.1..20.0_f64,
+    ) {
+        let slice = slice(turn, 1.0, 100.0);
+        let hull = CasterHull::new(&slice, to_light, 0.0);
+        let axes = DMat3::from_diagonal(DVec3::splat(radius));
+        let beyond = slice.centre - to_light * (slice.radius + 10.0 * radius);
+        prop_assert!(!hull.intersects_box(beyond, &axes));
+        let side = to_light.any_orthonormal_vector();
+        let beside = slice.centre + side * (slice.radius + 10.0 * radius) + to_light * 50.0;
+        prop_assert!(!hull.intersects_box(beside, &axes));
+    }
+
+    #[test]
+    fn the_margin_moves_every_plane_out(turn in any_turn(), to_light in any_direction(), margin in 0.0..9.0_f64) {
+        let slice = slice(turn, 1.0, 50.0);
+        let plain = CasterHull::new(&slice, to_light, 0.0);
+        let wide = CasterHull::new(&slice, to_light, margin);
+        prop_assert_eq!(plain.planes.len(), wide.planes.len());
+        for (a, b) in plain.planes.iter().zip(&wide.planes) {
+            prop_assert!((b.distance - a.distance - margin).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn boxes_that_are_not_numbers_are_kept() {
+    let hull = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), DVec3::Y, 0.0);
+    assert!(hull.intersects_box(DVec3::NAN, &DMat3::IDENTITY));
+}
+
+#[test]
+fn a_hull_has_few_planes() {
+    for to_light in [DVec3::Y, DVec3::Z, DVec3::X, DVec3::new(0.3, 0.8, 0.5).normalize()] {
+        let planes = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), to_light, 0.0).planes.len();
+        assert!((4..=12).contains(&planes), "{planes}");
+    }
+}

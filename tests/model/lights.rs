@@ -1,0 +1,302 @@
+//! ECS behaviour of the component, without a renderer.
+
+use bevy::{
+    app::PostUpdate,
+    camera::{primitives::{Aabb, CascadesFrusta}, visibility::CascadesVisibleEntities},
+    ecs::prelude::*,
+    light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
+    log::LogPlugin,
+    prelude::*,
+    render::{RenderPlugin, settings::{RenderCreation, WgpuSettings}},
+    shape::ViewFrustum,
+    winit::WinitPlugin,
+};
+use bevy_pssm::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans, prelude::*};
+
+/// Casters that Bevy's own culling found for managed lights: must stay none.
+#[derive(Resource, Default)]
+struct FoundByBevy(usize);
+
+fn app() -> App {
+    let mut app = App::new();
+    // As on a server: all of Bevy but the renderer.
+    let no_gpu = WgpuSettings { backends: None, ..default() };
+    app.add_plugins((
+        DefaultPlugins
+            .set(RenderPlugin {
+                render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
+                ..default()
+            })
+            .set(WindowPlugin { primary_window: None, ..default() })
+            .disable::<WinitPlugin>()
+            .disable::<LogPlugin>(),
+        PssmPlugin,
+    ))
+    .init_resource::<FoundByBevy>()
+    .add_systems(
+        PostUpdate,
+        count_found_by_bevy
+            .after(SimulationLightSystems::CheckLightVisibility)
+            .before(PssmSystems::CullCasters),
+    );
+    app.finish();
+    app.cleanup();
+    app
+}
+
+fn count_found_by_bevy(
+    lights: Query<&CascadesVisibleEntities, With<ParallelSplitShadows>>,
+    mut found: ResMut<FoundByBevy>,
+) {
+    found.0 += lights
+        .iter()
+        .flat_map(|lists| lists.entities.values().flatten())
+        .map(|list| list.entities.len())
+        .sum::<usize>();
+}
+
+fn camera(app: &mut App) -> Entity {
+    app.world_mut()
+        .spawn((Camera3d::default(), Transform::from_xyz(0.0, 2.0, 0.0)))
+        .id()
+}
+
+fn sun(app: &mut App, shadows: impl Bundle) -> Entity {
+    app.world_mut()
+        .spawn((DirectionalLight::default(), Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.0), Vec3::Y), shadows))
+        .id()
+}
+
+fn caster(app: &mut App, at: Vec3) -> Entity {
+    app.world_mut()
+        .spawn((
+            Mesh3d::default(),
+            Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5)),
+            Transform::from_translation(at),
+            Visibility::default(),
+        ))
+        .id()
+}
+
+#[test]
+fn adding_the_component_is_enough() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows { cascades: 3, far: 300.0, ..default() });
+    app.update();
+    let light = app.world().entity(light);
+    assert!(light.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
+    assert_eq!(light.get::<ShadowPlans>().unwrap().views[&view].len(), 3);
+    let config = light.get::<CascadeShadowConfig>().unwrap();
+    assert_eq!(config.bounds.len(), 3);
+    assert_eq!(config.bounds[2], 300.0);
+    assert_eq!(light.get::<Cascades>().unwrap().cascades[&view].len(), 3);
+    assert_eq!(light.get::<CascadesFrusta>().unwrap().frusta[&view].len(), 3);
+}
+
+#[test]
+fn bevys_components_carry_the_plans() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.update();
+    let light = app.world().entity(light);
+    let plans = &light.get::<ShadowPlans>().unwrap().views[&view];
+    let cascades = &light.get::<Cascades>().unwrap().cascades[&view];
+    let frusta = &light.get::<CascadesFrusta>().unwrap().frusta[&view];
+    for ((plan, cascade), frustum) in plans.iter().zip(cascades).zip(frusta) {
+        let map = plan.map.as_ref().unwrap();
+        assert_eq!(cascade.clip_from_world, map.clip_from_world.as_mat4());
+        assert_eq!(cascade.texel_size, map.texel.x as f32);
+        let expected = ViewFrustum::from_clip_from_world(&cascade.clip_from_world);
+        assert_eq!(format!("{:?}", frustum.0), format!("{expected:?}"));
+    }
+}
+
+#[test]
+fn casters_are_listed_where_they_matter_and_nowhere_else() {
+    let mut app = app();
+    let view = camera(&mut app);
+    // The light travels towards +x and down: what matters lies at −x and above.
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let near = caster(&mut app, Vec3::new(-2.0, 2.0, -4.0));
+    let far = caster(&mut app, Vec3::new(0.0, 0.0, -300.0));
+    let behind = caster(&mut app, Vec3::new(0.0, 0.0, 60.0));
+    let high_up_light = caster(&mut app, Vec3::new(-500.0, 500.0, -4.0));
+    let silent = caster(&mut app, Vec3::new(-2.0, 2.0, -4.0));
+    app.world_mut().entity_mut(silent).insert(NotShadowCaster);
+    app.update();
+
+    let record = app.world().get::<CasterCascades>(light).unwrap();
+    assert_eq!(record.get(view, near).map(|range| range.first), Some(0));
+    assert_eq!(record.get(view, far), Some(CascadeRange { first: 3, last: 3 }));
+    assert_eq!(record.get(view, behind), None);
+    assert_eq!(record.get(view, silent), None);
+    assert_eq!(record.get(view, high_up_light).map(|range| range.first), Some(0));
+
+    let lists = &app.world().get::<CascadesVisibleEntities>(light).unwrap().entities[&view];
+    for (index, list) in lists.iter().enumerate() {
+        let expected: Vec<Entity> = record.views[&view]
+            .iter()
+            .filter(|(_, range)| (range.first..=range.last).contains(&(index as u8)))
+            .map(|(entity, _)| *entity)
+            .collect();
+        assert_eq!(list.entities, expected);
+    }
+    // Off-screen casters must be marked visible, or Bevy would not extract their meshes.
+    assert!(app.world().get::<ViewVisibility>(high_up_light).unwrap().get());
+    assert!(!app.world().get::<ViewVisibility>(behind).unwrap().get());
+}
+
+#[test]
+fn bevy_does_not_cull_for_managed_lights() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    caster(&mut app, Vec3::new(-2.0, 2.0, -4.0));
+    app.update();
+    app.update();
+    app.update();
+    assert_eq!(app.world().resource::<FoundByBevy>().0, 0);
+    let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+    assert!(lists.entities.values().flatten().any(|list| !list.entities.is_empty()));
+}
+
+#[test]
+fn culling_off_lists_every_caster_in_every_cascade() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows { culling: CasterCulling::Off, ..default() });
+    let behind = caster(&mut app, Vec3::new(0.0, 0.0, 600.0));
+    app.update();
+    let record = app.world().get::<CasterCascades>(light).unwrap();
+    assert_eq!(record.get(view, behind), Some(CascadeRange { first: 0, last: 3 }));
+}
+
+#[test]
+fn removal_restores_bevys_settings() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let custom = CascadeShadowConfig { bounds: vec![5.0, 50.0], overlap_proportion: 0.3, minimum_distance: 0.2 };
+    let light = sun(&mut app, (custom.clone(), ParallelSplitShadows::default()));
+    app.update();
+    assert_eq!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds.len(), 4);
+    app.world_mut().entity_mut(light).remove::<ParallelSplitShadows>();
+    app.update();
+    let entity = app.world().entity(light);
+    let config = entity.get::<CascadeShadowConfig>().unwrap();
+    assert_eq!((&config.bounds, config.overlap_proportion), (&custom.bounds, 0.3));
+    assert!(!entity.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
+    assert!(entity.get::<ShadowPlans>().is_none() && entity.get::<CasterCascades>().is_none());
+    app.world_mut().get_mut::<DirectionalLight>(light).unwrap().shadow_maps_enabled = true;
+    app.update();
+    assert_eq!(app.world().get::<Cascades>(light).unwrap().cascades[&view].len(), 2);
+}
+
+#[test]
+fn disabling_hands_the_light_back_and_enabling_takes_it_again() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let before = CascadeShadowConfig::default().bounds;
+    for _ in 0..2 {
+        app.update();
+        assert_ne!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds, before);
+        app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().enabled = false;
+        app.update();
+        assert_eq!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds, before);
+        assert!(!app.world().get::<DirectionalLight>(light).unwrap().shadow_maps_enabled);
+        app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().enabled = true;
+    }
+}
+
+#[test]
+fn a_bad_change_keeps_the_last_good_configuration() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows { cascades: 2, ..default() });
+    app.update();
+    let count = |app: &App| app.world().get::<ShadowPlans>(light).unwrap().views[&view].len();
+    assert_eq!(count(&app), 2);
+    app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().cascades = 9;
+    app.update();
+    assert_eq!(count(&app), 2);
+    app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().cascades = 3;
+    app.update();
+    assert_eq!(count(&app), 3);
+}
+
+#[test]
+fn a_component_that_was_never_good_leaves_bevys_shadows_alone() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows { near: f64::NAN, ..default() });
+    app.update();
+    let entity = app.world().entity(light);
+    assert_eq!(entity.get::<CascadeShadowConfig>().unwrap().bounds, CascadeShadowConfig::default().bounds);
+    assert!(!entity.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
+}
+
+#[test]
+fn each_camera_and_light_has_its_own_plan() {
+    let mut app = app();
+    let first = camera(&mut app);
+    let second = app
+        .world_mut()
+        .spawn((Camera3d::default(), Camera { order: 1, ..default() }, Transform::from_xyz(900.0, 2.0, 0.0)))
+        .id();
+    let lights = [
+        sun(&mut app, ParallelSplitShadows::default()),
+        sun(&mut app, ParallelSplitShadows { cascades: 1, ..default() }),
+    ];
+    app.update();
+    for light in lights {
+        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views;
+        assert_eq!(plans.len(), 2);
+        assert_ne!(plans[&first][0].map, plans[&second][0].map);
+    }
+    app.world_mut().get_mut::<Camera>(second).unwrap().is_active = false;
+    app.update();
+    let plans = &app.world().get::<ShadowPlans>(lights[0]).unwrap().views;
+    assert!(plans.contains_key(&first) && !plans.contains_key(&second));
+}
+
+#[test]
+fn degenerate_transforms_give_no_map_and_no_nan() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    caster(&mut app, Vec3::ZERO);
+    // Bevy's own visibility systems do not survive transforms that are not numbers.
+    for broken in [
+        Transform::from_scale(Vec3::splat(1e-30)),
+        Transform::from_translation(Vec3::splat(1e30)),
+        Transform::from_translation(Vec3::splat(f32::MAX)),
+    ] {
+        *app.world_mut().get_mut::<Transform>(view).unwrap() = broken;
+        app.update();
+        for cascade in &app.world().get::<Cascades>(light).unwrap().cascades[&view] {
+            assert!(cascade.clip_from_world.is_finite());
+        }
+    }
+    *app.world_mut().get_mut::<Transform>(view).unwrap() = Transform::default();
+    app.world_mut().get_mut::<Transform>(light).unwrap().rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    app.update();
+    for cascade in &app.world().get::<Cascades>(light).unwrap().cascades[&view] {
+        assert!(cascade.clip_from_world.is_finite());
+    }
+}
+
+#[test]
+fn types_are_registered_for_reflection() {
+    let app = app();
+    let registry = app.world().resource::<AppTypeRegistry>().read();
+    for path in [
+        "bevy_pssm::config::ParallelSplitShadows",
+        "bevy_pssm::config::preset::ShadowPreset",
+        "bevy_pssm::debug::ShadowOverlay",
+        "bevy_pssm::config::SplitScheme",
+    ] {
+        assert!(registry.get_with_type_path(path).is_some(), "{path}");
+    }
+}

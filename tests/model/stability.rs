@@ -1,0 +1,148 @@
+//! Stable maps: constant size and orientation, moved by whole texels.
+
+use bevy::math::{DVec3, Quat, Vec3};
+use bevy_pssm::{
+    CascadeFit, MapSize, ParallelSplitShadows,
+    geometry::light_frame::LightFrame,
+    plan::{CascadePlan, LookupReach, plan_cascades},
+};
+use proptest::prelude::*;
+
+use crate::views::{any_direction, any_turn, perspective, volume};
+
+const REACH: LookupReach = LookupReach { texels: 6.0, metres: 0.07 };
+
+fn config(map_size: u32) -> ParallelSplitShadows {
+    ParallelSplitShadows { far: 800.0, map_size: MapSize::Same(map_size), ..Default::default() }
+}
+
+fn plan(config: &ParallelSplitShadows, eye: Vec3, turn: Quat, to_light: DVec3) -> Vec<CascadePlan> {
+    let light = LightFrame::new(to_light).expect("a direction");
+    plan_cascades(&volume(&perspective(1.05, 1.333), eye, turn), &light, config, REACH)
+}
+
+/// A pseudo-random walk: small moves and turns, the same in every run.
+struct Walk(u64);
+
+impl Walk {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        ((self.0 >> 40) as f32 / (1 << 24) as f32) * 2.0 - 1.0
+    }
+}
+
+/// Walks 2,000 steps and checks every cascade's `f64` and `f32` matrices against the first.
+fn walk_from(start: Vec3, map_size: u32) {
+    let config = config(map_size);
+    let to_light = DVec3::new(0.3, 0.7, -0.45);
+    let (mut eye, mut yaw, mut pitch) = (start, 0.3_f32, -0.2_f32);
+    let first = plan(&config, eye, Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, 0.0), to_light);
+    let mut walk = Walk(42);
+    let mut shifted = 0;
+    for _ in 0..2000 {
+        eye += 0.4 * Vec3::new(walk.next(), walk.next(), walk.next());
+        yaw += 0.02 * walk.next();
+        pitch = (pitch + 0.02 * walk.next()).clamp(-1.2, 1.2);
+        let turn = Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, 0.0);
+        for (a, b) in first.iter().zip(plan(&config, eye, turn, to_light)) {
+            let a = a.map.as_ref().expect("a map");
+            let b = b.map.expect("a map");
+            for column in 0..3 {
+                let bits = |m: &bevy::math::DMat4| m.col(column).truncate().to_array().map(f64::to_bits);
+                assert_eq!(bits(&a.clip_from_world), bits(&b.clip_from_world));
+            }
+            let texels_per_ndc = 0.5 * f64::from(map_size);
+            let shift = (b.clip_from_world.w_axis - a.clip_from_world.w_axis) * texels_per_ndc;
+            for texels in [shift.x, shift.y] {
+                assert!((texels - texels.round()).abs() < 1e-6, "moved by {texels} texels");
+                shifted += usize::from(texels.abs() > 0.5);
+            }
+            // With a power of two the texel grid is exact in f32 too, which the GPU works in.
+            if map_size.is_power_of_two() {
+                let shift = (b.clip_from_world.as_mat4().w_axis - a.clip_from_world.as_mat4().w_axis)
+                    * texels_per_ndc as f32;
+                assert_eq!((shift.x, shift.y), (shift.x.round(), shift.y.round()));
+            }
+        }
+    }
+    assert!(shifted > 1000, "the walk was too short to move the maps: {shifted}");
+}
+
+#[test]
+fn maps_move_by_whole_texels_at_the_origin() {
+    walk_from(Vec3::ZERO, 2048);
+}
+
+#[test]
+fn maps_move_by_whole_texels_at_50_km() {
+    walk_from(Vec3::new(50_000.0, 300.0, -50_000.0), 2048);
+}
+
+#[test]
+fn maps_of_odd_sizes_move_by_whole_texels() {
+    walk_from(Vec3::new(1000.0, 5.0, 40.0), 1500);
+    walk_from(Vec3::new(50_000.0, 5.0, 40.0), 777);
+}
+
+proptest! {
+    #[test]
+    fn maps_cover_their_slices_with_room_for_filters(
+        turn in any_turn(),
+        to_light in any_direction(),
+        x in -1e5..1e5_f32,
+        z in -1e5..1e5_f32,
+        size in 128_u32..4096,
+        tight in any::<bool>(),
+    ) {
+        let fit = if tight { CascadeFit::Tight } else { CascadeFit::Stable };
+        let config = ParallelSplitShadows { fit, ..config(size) };
+        let eye = Vec3::new(x, 50.0, z);
+        let view = volume(&perspective(1.05, 1.333), eye, turn);
+        for cascade in plan(&config, eye, turn, to_light) {
+            let slice = view.slice(cascade.near, cascade.far).expect("not empty");
+            let map = cascade.map.expect("a map");
+            let guard = 2.0 * REACH.texels / f64::from(size) - 1e-9;
+            for corner in slice.corners {
+                let ndc = map.clip_from_world.project_point3(corner);
+                prop_assert!(ndc.truncate().abs().max_element() <= 1.0 - guard.min(0.49), "{ndc}");
+                prop_assert!((0.0..=1.0).contains(&ndc.z), "{ndc}");
+            }
+        }
+    }
+
+    #[test]
+    fn published_matrices_agree(turn in any_turn(), to_light in any_direction()) {
+        for cascade in plan(&config(2048), Vec3::new(100.0, 50.0, -300.0), turn, to_light) {
+            let map = cascade.map.expect("a map");
+            let composed = map.clip_from_cascade * map.world_from_cascade.inverse();
+            prop_assert!(composed.abs_diff_eq(map.clip_from_world, 1e-7), "{composed} {}", map.clip_from_world);
+            prop_assert!(map.clip_from_world.determinant() > 0.0, "the orientation must be kept");
+        }
+    }
+
+    #[test]
+    fn neighbouring_cascades_meet_without_a_gap(
+        turn in any_turn(), blend in 0.0..0.5_f64, cascades in 2_u32..=4,
+    ) {
+        let config = ParallelSplitShadows { blend, cascades, ..config(1024) };
+        let plans = plan(&config, Vec3::ZERO, turn, DVec3::Y);
+        for pair in plans.windows(2) {
+            prop_assert!(pair[1].near <= pair[0].far);
+            prop_assert_eq!(pair[1].near, pair[0].blend_start);
+        }
+        prop_assert_eq!(plans[plans.len() - 1].far, 800.0);
+    }
+}
+
+#[test]
+fn light_frames_are_orthonormal_right_handed_and_need_a_direction() {
+    for to_light in [DVec3::Y, DVec3::NEG_Y, DVec3::X, DVec3::Z, DVec3::new(1e-4, 1.0, 1e-5)] {
+        let frame = LightFrame::new(to_light).expect("a direction");
+        let matrix = frame.world_from_light();
+        approx::assert_relative_eq!(matrix.determinant(), 1.0, epsilon = 1e-12);
+        assert!((matrix.transpose() * matrix).abs_diff_eq(bevy::math::DMat3::IDENTITY, 1e-12));
+    }
+    assert_eq!(LightFrame::new(DVec3::ZERO), None);
+    assert_eq!(LightFrame::new(DVec3::splat(f64::NAN)), None);
+    assert_eq!(LightFrame::new(DVec3::splat(f64::INFINITY)), None);
+}

@@ -1,0 +1,118 @@
+//! View volumes read off Bevy's projections, and helpers for other tests.
+
+use bevy::{
+    camera::{CameraProjection, OrthographicProjection, PerspectiveProjection, Projection},
+    math::{DAffine3, DQuat, DVec3, Mat4, Quat, Rect, Vec3},
+};
+use bevy_pssm::geometry::slice::ViewVolume;
+use proptest::prelude::*;
+
+pub fn perspective(fov: f32, aspect_ratio: f32) -> Projection {
+    Projection::Perspective(PerspectiveProjection { fov, aspect_ratio, near: 0.1, far: 2000.0, ..Default::default() })
+}
+
+pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
+    // As a game has it: positions and rotations in f32.
+    let rotation = bevy::math::Affine3A::from_rotation_translation(turn, eye);
+    let world_from_view = DAffine3 {
+        matrix3: bevy::math::DMat3::from_cols(
+            rotation.matrix3.x_axis.as_dvec3(),
+            rotation.matrix3.y_axis.as_dvec3(),
+            rotation.matrix3.z_axis.as_dvec3(),
+        ),
+        translation: rotation.translation.as_dvec3(),
+    };
+    ViewVolume::new(world_from_view, &projection.get_clip_from_view(), f64::from(projection.far()))
+        .expect("a sound camera")
+}
+
+pub fn any_turn() -> impl Strategy<Value = Quat> {
+    (0.0..core::f32::consts::TAU, -1.5..1.5_f32, -0.5..0.5_f32)
+        .prop_map(|(yaw, pitch, roll)| Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, roll))
+}
+
+pub fn any_direction() -> impl Strategy<Value = DVec3> {
+    (-1.0..1.0_f64, 0.0..core::f64::consts::TAU)
+        .prop_map(|(y, a)| {
+            let r = (1.0 - y * y).sqrt();
+            DVec3::new(r * a.cos(), y, r * a.sin())
+        })
+}
+
+#[test]
+fn slice_corners_are_those_of_bevys_projections() {
+    let orthographic = Projection::Orthographic(OrthographicProjection {
+        area: Rect::new(-3.0, -2.0, 5.0, 4.0),
+        near: -10.0,
+        ..OrthographicProjection::default_3d()
+    });
+    for projection in [perspective(1.1, 1.6), orthographic] {
+        let view = volume(&projection, Vec3::ZERO, Quat::IDENTITY);
+        let slice = view.slice(5.0, 50.0).expect("not empty");
+        for corner in projection.get_frustum_corners(-5.0, -50.0) {
+            let nearest = slice
+                .corners
+                .iter()
+                .map(|found| found.distance(corner.as_dvec3()))
+                .fold(f64::INFINITY, f64::min);
+            assert!(nearest < 1e-4, "{corner} is missing from {slice:?}");
+        }
+    }
+}
+
+#[test]
+fn slices_end_at_the_cameras_planes() {
+    let view = volume(&perspective(1.0, 1.0), Vec3::ZERO, Quat::IDENTITY);
+    assert!((view.near - 0.1).abs() < 1e-6);
+    assert!(view.slice(2000.0, 3000.0).is_none());
+    let slice = view.slice(1900.0, 5000.0).expect("not empty");
+    let deepest = slice.corners.iter().map(|c| -c.z).fold(0.0, f64::max);
+    assert!((deepest - 2000.0).abs() < 1e-3);
+}
+
+#[test]
+fn degenerate_cameras_have_no_volume() {
+    let good = perspective(1.0, 1.0).get_clip_from_view();
+    let identity = DAffine3::IDENTITY;
+    let nan = DAffine3::from_translation(DVec3::new(f64::NAN, 0.0, 0.0));
+    let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+    assert!(ViewVolume::new(nan, &good, 100.0).is_none());
+    assert!(ViewVolume::new(flat, &good, 100.0).is_none());
+    assert!(ViewVolume::new(identity, &Mat4::ZERO, 100.0).is_none());
+    assert!(ViewVolume::new(identity, &(good * f32::NAN), 100.0).is_none());
+    assert!(ViewVolume::new(identity, &good, 0.01).is_none());
+    assert!(ViewVolume::new(identity, &good, f64::INFINITY).is_some());
+}
+
+proptest! {
+    #[test]
+    fn the_bounding_sphere_holds_its_slice(
+        turn in any_turn(),
+        fov in 0.2..2.6_f32,
+        aspect in 0.3..3.5_f32,
+        near in 0.2..500.0_f64,
+        length in 0.1..1500.0_f64,
+    ) {
+        let view = volume(&perspective(fov, aspect), Vec3::new(10.0, 20.0, 30.0), turn);
+        let slice = view.slice(near, near + length).expect("not empty");
+        for corner in slice.corners {
+            prop_assert!(corner.distance(slice.centre) <= slice.radius * (1.0 + 1e-6));
+        }
+    }
+
+    #[test]
+    fn a_turned_camera_keeps_the_radius_bit_for_bit(a in any_turn(), b in any_turn(), near in 0.2..100.0_f64) {
+        let projection = perspective(1.0, 1.5);
+        let radius = |turn| {
+            volume(&projection, Vec3::new(5e4, 0.0, -3e4), turn).slice(near, 10.0 * near).map(|s| s.radius)
+        };
+        prop_assert_eq!(radius(a), radius(b));
+    }
+}
+
+#[test]
+fn double_precision_keeps_directions_apart() {
+    let turned = DQuat::from_rotation_y(1e-9) * DVec3::Z;
+    let frame = bevy_pssm::geometry::light_frame::LightFrame::new(turned).expect("a direction");
+    assert!((frame.z - turned).length() < 1e-15);
+}
