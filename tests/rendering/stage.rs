@@ -3,11 +3,15 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bevy::{
+    asset::RenderAssetUsages,
     camera::RenderTarget,
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
     light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap},
     prelude::*,
-    render::settings::WgpuSettings,
+    render::{
+        render_resource::{Extent3d, TextureDimension, TextureFormat},
+        settings::WgpuSettings,
+    },
 };
 use bevy_pssm::prelude::*;
 use image::RgbaImage;
@@ -91,6 +95,52 @@ impl Stage {
         self.world().spawn(sun()).id()
     }
 
+    /// Takes everything but the ground away.
+    pub fn clear_casters(&mut self) {
+        self.despawn_all::<Caster>();
+    }
+
+    pub fn clear_ground(&mut self) {
+        self.despawn_all::<Ground>();
+    }
+
+    fn despawn_all<C: Component>(&mut self) {
+        let mut entities = self.world().query_filtered::<Entity, With<C>>();
+        let entities: Vec<Entity> = entities.iter(self.world()).collect();
+        for entity in entities {
+            self.world().entity_mut(entity).despawn();
+        }
+    }
+
+    /// Steps until `ready` says so.
+    pub fn wait_for(&mut self, ready: impl Fn(&mut World) -> bool) {
+        for _ in 0..2000 {
+            self.step();
+            if ready(self.world()) {
+                return;
+            }
+        }
+        panic!("it never became ready");
+    }
+
+    /// A texture whose alpha is a coarse chequer.
+    pub fn checkered_mask(&mut self) -> Handle<Image> {
+        let texels: Vec<u8> = (0..64_u32)
+            .flat_map(|i| {
+                let solid = ((i % 8) / 2 + i / 16) % 2 == 0;
+                [200, 180, 120, if solid { 255 } else { 0 }]
+            })
+            .collect();
+        let mask = Image::new(
+            Extent3d { width: 8, height: 8, depth_or_array_layers: 1 },
+            TextureDimension::D2,
+            texels,
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::RENDER_WORLD,
+        );
+        self.world().resource_mut::<Assets<Image>>().add(mask)
+    }
+
     /// The picture, once everything is loaded and compiled. Adds the usual camera if there is
     /// none.
     pub fn picture(&mut self) -> RgbaImage {
@@ -103,10 +153,17 @@ impl Stage {
     }
 }
 
+/// A thing that stands on the ground.
+#[derive(Component)]
+struct Caster;
+
+#[derive(Component)]
+struct Ground;
+
 /// The usual sun: low, from the left behind.
 pub fn sun() -> impl Bundle {
     (
-        DirectionalLight { illuminance: 8000.0, shadow_maps_enabled: true, ..default() },
+        DirectionalLight { illuminance: 2000.0, shadow_maps_enabled: true, ..default() },
         Transform::from_xyz(-4.0, 5.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
         stock_cascades(),
     )
@@ -145,6 +202,7 @@ fn spawn_scene(
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::default().mesh().size(600.0, 600.0))),
         MeshMaterial3d(ground),
+        Ground,
     ));
     let ball = meshes.add(Sphere::new(1.0).mesh().uv(32, 18));
     let post = meshes.add(Cylinder::new(0.08, 4.0));
@@ -155,16 +213,19 @@ fn spawn_scene(
             Mesh3d(ball.clone()),
             MeshMaterial3d(bright.clone()),
             Transform::from_xyz(-3.0, 1.5, z),
+            Caster,
         ));
         commands.spawn((
             Mesh3d(post.clone()),
             MeshMaterial3d(dark.clone()),
             Transform::from_xyz(0.5, 2.0, z - 2.0),
+            Caster,
         ));
         commands.spawn((
             Mesh3d(block.clone()),
             MeshMaterial3d(dark.clone()),
             Transform::from_xyz(5.0, 1.5, z - 5.0).with_rotation(Quat::from_rotation_y(0.4)),
+            Caster,
         ));
     }
 }

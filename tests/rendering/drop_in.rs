@@ -1,0 +1,344 @@
+//! Everything Bevy draws receives the plugin's shadows, and what is not ours stays Bevy's.
+//!
+//! The expected pictures are Bevy's own at four times the texels.
+
+use bevy::{
+    camera::{ScalingMode, Viewport},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
+    light::{
+        DirectionalLightShadowMap, FogVolume, NotShadowCaster, NotShadowReceiver,
+        ShadowFilteringMethod, TransmittedShadowReceiver, VolumetricFog, VolumetricLight,
+    },
+    pbr::{DefaultOpaqueRendererMethod, ExtendedMaterial, MaterialExtension, MaterialPlugin},
+    prelude::*,
+    reflect::TypePath,
+    render::render_resource::AsBindGroup,
+};
+use bevy_pssm::prelude::*;
+use image::RgbaImage;
+
+use crate::{
+    compare::{assert_identical, assert_same_shadows, save, share_differing},
+    stage::{SIZE, Stage, camera, shadows},
+};
+
+/// The scene without shadows, with Bevy's at high resolution, and with ours.
+struct Pictures {
+    unshadowed: RgbaImage,
+    stock: RgbaImage,
+    ours: RgbaImage,
+}
+
+fn take(stage: &mut Stage, sun: Entity) -> Pictures {
+    let set_maps = |stage: &mut Stage, enabled: bool| {
+        if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+            light.shadow_maps_enabled = enabled;
+        }
+    };
+    set_maps(stage, false);
+    let unshadowed = stage.picture();
+    set_maps(stage, true);
+    stage.world().insert_resource(DirectionalLightShadowMap { size: 4096 });
+    let stock = stage.picture();
+    stage.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
+    stage.world().entity_mut(sun).insert(shadows());
+    let ours = stage.picture();
+    Pictures { unshadowed, stock, ours }
+}
+
+fn assert_right(name: &str, stage: &mut Stage, sun: Entity) {
+    let pictures = take(stage, sun);
+    assert_same_shadows(name, &pictures.ours, &pictures.stock, &pictures.unshadowed);
+}
+
+#[test]
+fn forward_camera() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    assert_right("forward", &mut stage, sun);
+}
+
+#[test]
+fn deferred_camera() {
+    let mut stage = Stage::new();
+    stage.world().insert_resource(DefaultOpaqueRendererMethod::deferred());
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert((DepthPrepass, DeferredPrepass));
+    let sun = stage.sun();
+    assert_right("deferred", &mut stage, sun);
+}
+
+#[test]
+fn camera_with_prepasses() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert((DepthPrepass, NormalPrepass, MotionVectorPrepass));
+    let sun = stage.sun();
+    assert_right("prepasses", &mut stage, sun);
+}
+
+#[test]
+fn orthographic_camera() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert(Projection::Orthographic(OrthographicProjection {
+        scaling_mode: ScalingMode::FixedVertical { viewport_height: 20.0 },
+        ..OrthographicProjection::default_3d()
+    }));
+    let sun = stage.sun();
+    assert_right("orthographic", &mut stage, sun);
+}
+
+#[test]
+fn gltf_scene() {
+    let mut stage = Stage::new();
+    let scene = stage
+        .world()
+        .resource::<AssetServer>()
+        .load(GltfAssetLabel::Scene(0).from_asset("models/pillars.gltf"));
+    stage.clear_casters();
+    stage.world().spawn(WorldAssetRoot(scene));
+    stage.wait_for(|world| {
+        let mut pillars = world.query_filtered::<&Name, With<Mesh3d>>();
+        pillars.iter(world).count() >= 8
+    });
+    let sun = stage.sun();
+    assert_right("gltf", &mut stage, sun);
+}
+
+#[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
+struct Plain {}
+
+impl MaterialExtension for Plain {}
+
+#[test]
+fn extended_material() {
+    type Extended = ExtendedMaterial<StandardMaterial, Plain>;
+    let mut stage = Stage::with_app(default(), |app| {
+        app.add_plugins(MaterialPlugin::<Extended>::default());
+    });
+    let material = stage.world().resource_mut::<Assets<Extended>>().add(Extended {
+        base: StandardMaterial { perceptual_roughness: 1.0, ..default() },
+        extension: Plain {},
+    });
+    let mut meshes = stage.world().query_filtered::<Entity, With<Mesh3d>>();
+    let meshes: Vec<Entity> = meshes.iter(stage.world()).collect();
+    for mesh in meshes {
+        stage
+            .world()
+            .entity_mut(mesh)
+            .remove::<MeshMaterial3d<StandardMaterial>>()
+            .insert(MeshMaterial3d(material.clone()));
+    }
+    let sun = stage.sun();
+    assert_right("extended_material", &mut stage, sun);
+}
+
+#[test]
+fn split_screen() {
+    let mut stage = Stage::new();
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    for index in 0..2_u32 {
+        let bundle = camera(stage.target());
+        let view = stage.world().spawn(bundle).id();
+        stage.world().entity_mut(view).insert((
+            Camera {
+                order: index as isize,
+                viewport: Some(Viewport {
+                    physical_position: UVec2::new(index * half.x, 0),
+                    physical_size: half,
+                    ..default()
+                }),
+                clear_color: if index == 0 { default() } else { ClearColorConfig::None },
+                ..default()
+            },
+            Transform::from_xyz(6.0 - 9.0 * index as f32, 3.0, 12.0 - 20.0 * index as f32)
+                .looking_at(Vec3::new(-2.0, 0.5, -12.0 - 30.0 * index as f32), Vec3::Y),
+        ));
+    }
+    let sun = stage.sun();
+    assert_right("split_screen", &mut stage, sun);
+}
+
+#[test]
+fn filters_and_odd_maps() {
+    for (name, filter) in [
+        ("hardware", ShadowFilteringMethod::Hardware2x2),
+        ("gaussian", ShadowFilteringMethod::Gaussian),
+        ("temporal", ShadowFilteringMethod::Temporal),
+    ] {
+        let mut stage = Stage::new();
+        let camera = stage.camera();
+        stage.world().entity_mut(camera).insert(filter);
+        let sun = stage.sun();
+        let pictures = take(&mut stage, sun);
+        assert_same_shadows(name, &pictures.ours, &pictures.stock, &pictures.unshadowed);
+    }
+}
+
+#[test]
+fn soft_shadows() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+        light.soft_shadow_size = Some(0.2);
+    }
+    let pictures = take(&mut stage, sun);
+    save("soft", &pictures.ours, &pictures.stock);
+    let shadowed = share_differing(&pictures.ours, &pictures.unshadowed, 12);
+    let expected = share_differing(&pictures.stock, &pictures.unshadowed, 12);
+    assert!((0.5..2.0).contains(&(shadowed / expected)), "{shadowed} against {expected}");
+}
+
+#[test]
+fn transmission() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let leaf = StandardMaterial {
+        base_color: Color::srgb(0.3, 0.8, 0.3),
+        diffuse_transmission: 0.8,
+        double_sided: true,
+        cull_mode: None,
+        thickness: 0.05,
+        ..default()
+    };
+    let leaf = stage.world().resource_mut::<Assets<StandardMaterial>>().add(leaf);
+    let screen = stage.world().resource_mut::<Assets<Mesh>>().add(Rectangle::new(7.0, 5.0));
+    stage.world().spawn((
+        Mesh3d(screen),
+        MeshMaterial3d(leaf),
+        Transform::from_xyz(1.5, 2.5, -2.0).looking_to(Vec3::new(1.0, 0.0, -0.8), Vec3::Y),
+        TransmittedShadowReceiver,
+        NotShadowCaster,
+    ));
+    assert_right("transmission", &mut stage, sun);
+}
+
+#[test]
+fn meshes_that_do_not_receive() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let mut meshes = stage.world().query_filtered::<Entity, With<Mesh3d>>();
+    let meshes: Vec<Entity> = meshes.iter(stage.world()).collect();
+    for mesh in meshes {
+        stage.world().entity_mut(mesh).insert(NotShadowReceiver);
+    }
+    let pictures = take(&mut stage, sun);
+    assert_identical("not_receivers", &pictures.ours, &pictures.unshadowed);
+}
+
+#[test]
+fn alpha_masked_casters() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.clear_casters();
+    let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(Rectangle::new(6.0, 4.0));
+    let mask = stage.checkered_mask();
+    let material = stage.world().resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+        base_color_texture: Some(mask),
+        alpha_mode: AlphaMode::Mask(0.5),
+        cull_mode: None,
+        double_sided: true,
+        ..default()
+    });
+    stage.world().spawn((
+        Mesh3d(mesh),
+        MeshMaterial3d(material),
+        Transform::from_xyz(0.0, 2.5, 0.0).looking_to(Vec3::new(1.0, -0.3, -0.8), Vec3::Y),
+    ));
+    assert_right("alpha_mask", &mut stage, sun);
+}
+
+/// A light that is not ours, in pictures where ours gives no light: Bevy's picture to the bit,
+/// but for rounding where its map fills only a part of a larger layer.
+fn assert_stays_bevys(name: &str, map_size: u32, levels: u8, spawn_other: impl FnOnce(&mut World)) {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+        light.illuminance = 0.0;
+    }
+    spawn_other(stage.world());
+    let stock = stage.picture();
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        map_size: MapSize::Same(map_size),
+        ..shadows()
+    });
+    let ours = stage.picture();
+    save(name, &ours, &stock);
+    let differing = share_differing(&ours, &stock, levels);
+    assert!(differing == 0.0, "{name}: {differing:.6} of the picture differ");
+}
+
+fn second_sun(world: &mut World) {
+    world.spawn((
+        DirectionalLight { illuminance: 2000.0, shadow_maps_enabled: true, ..default() },
+        Transform::from_xyz(3.0, 4.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y),
+        crate::stage::stock_cascades(),
+    ));
+}
+
+fn spot_light(world: &mut World) {
+    world.spawn((
+        SpotLight {
+            intensity: 4_000_000.0,
+            range: 60.0,
+            outer_angle: 0.9,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::from_xyz(-8.0, 9.0, 4.0).looking_at(Vec3::new(0.0, 0.0, -6.0), Vec3::Y),
+    ));
+    world.spawn((
+        PointLight { intensity: 400_000.0, range: 30.0, shadow_maps_enabled: true, ..default() },
+        Transform::from_xyz(3.0, 5.0, -1.0),
+    ));
+}
+
+#[test]
+fn a_second_sun_stays_bevys() {
+    assert_stays_bevys("second_sun", 1024, 0, second_sun);
+    assert_stays_bevys("second_sun_small_ours", 300, 0, second_sun);
+    assert_stays_bevys("second_sun_large_ours", 2048, 2, second_sun);
+}
+
+#[test]
+fn spot_and_point_lights_stay_bevys() {
+    assert_stays_bevys("spot", 1024, 0, spot_light);
+    assert_stays_bevys("spot_large_ours", 1500, 2, spot_light);
+}
+
+#[test]
+fn volumetric_fog() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert(VolumetricFog { ambient_intensity: 0.0, ..default() });
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(VolumetricLight);
+    stage.world().spawn((
+        FogVolume { density_factor: 0.02, ..default() },
+        Transform::from_scale(Vec3::new(60.0, 20.0, 120.0)),
+    ));
+    assert_right("fog", &mut stage, sun);
+}
+
+#[test]
+fn fog_outside_the_maps_is_lit() {
+    let mut stage = Stage::new();
+    stage.clear_casters();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert(VolumetricFog { ambient_intensity: 0.0, ..default() });
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(VolumetricLight);
+    stage.world().spawn((
+        FogVolume { density_factor: 0.02, ..default() },
+        Transform::from_xyz(0.0, 0.0, -200.0).with_scale(Vec3::new(300.0, 60.0, 300.0)),
+    ));
+    let bright = |picture: &RgbaImage| picture.pixels().map(|p| u64::from(p[0])).sum::<u64>();
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: 400.0, ..shadows() });
+    let covered = stage.picture();
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: 20.0, ..shadows() });
+    let outside = stage.picture();
+    save("fog_outside", &outside, &covered);
+    let ratio = bright(&outside) as f64 / bright(&covered) as f64;
+    assert!((0.98..1.02).contains(&ratio), "fog beyond the maps has {ratio} of its light");
+}

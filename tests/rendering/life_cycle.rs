@@ -1,0 +1,207 @@
+//! The component added, changed, disabled and removed at run time; cameras and lights that come
+//! and go.
+
+use bevy::{
+    core_pipeline::prepass::DepthPrepass,
+    prelude::*,
+    render::{
+        occlusion_culling::OcclusionCulling,
+        render_resource::WgpuFeatures,
+        settings::WgpuSettings,
+    },
+};
+use bevy_pssm::prelude::*;
+
+use crate::{
+    compare::{assert_identical, assert_same_shadows, share_differing},
+    headless::take_warnings,
+    stage::{Stage, camera, shadows},
+};
+
+#[test]
+fn removed_is_as_if_never_added() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let never = stage.picture();
+    stage.world().entity_mut(sun).insert(shadows());
+    let ours = stage.picture();
+    assert!(share_differing(&ours, &never, 12) > 0.001, "the plugin made no difference");
+    stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+    assert_identical("removed", &stage.picture(), &never);
+
+    stage.world().entity_mut(sun).insert(shadows());
+    assert_identical("added_again", &stage.picture(), &ours);
+    if let Some(mut shadows) = stage.world().get_mut::<ParallelSplitShadows>(sun) {
+        shadows.enabled = false;
+    }
+    assert_identical("disabled", &stage.picture(), &never);
+    if let Some(mut shadows) = stage.world().get_mut::<ParallelSplitShadows>(sun) {
+        shadows.enabled = true;
+    }
+    assert_identical("enabled", &stage.picture(), &ours);
+}
+
+#[test]
+fn every_change_takes_effect_in_its_frame() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let changes = [
+        shadows(),
+        ParallelSplitShadows { cascades: 1, ..shadows() },
+        ParallelSplitShadows { cascades: 3, map_size: MapSize::List(vec![1000, 500, 77]), ..shadows() },
+        ParallelSplitShadows { map_size: MapSize::Halving(2048), far: 90.0, ..shadows() },
+        ParallelSplitShadows { fit: CascadeFit::Tight, splits: SplitScheme::Uniform, ..shadows() },
+        ParallelSplitShadows { splits: SplitScheme::Geometric { gamma: 4.0, bias: 150.0 }, ..shadows() },
+        ParallelSplitShadows { blend: 0.0, fade: 0.0, ..shadows() },
+    ];
+    // Reached by changes, and from the start: the same.
+    let reached: Vec<_> = changes
+        .iter()
+        .map(|change| {
+            stage.world().entity_mut(sun).insert(change.clone());
+            stage.picture()
+        })
+        .collect();
+    drop(stage);
+    for (index, (change, reached)) in changes.iter().zip(reached).enumerate() {
+        let mut stage = Stage::new();
+        let sun = stage.sun();
+        stage.world().entity_mut(sun).insert(change.clone());
+        assert_identical(&format!("change_{index}"), &reached, &stage.picture());
+    }
+}
+
+#[test]
+fn shadows_switched_off_and_on() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let on = stage.picture();
+    let set = |stage: &mut Stage, enabled| {
+        if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+            light.shadow_maps_enabled = enabled;
+        }
+        stage.picture()
+    };
+    let off = set(&mut stage, false);
+    assert!(share_differing(&off, &on, 12) > 0.01);
+    assert_identical("switched_on", &set(&mut stage, true), &on);
+    stage.world().entity_mut(sun).insert(Visibility::Hidden);
+    stage.picture();
+    stage.world().entity_mut(sun).insert(Visibility::Visible);
+    assert_identical("shown_again", &stage.picture(), &on);
+}
+
+#[derive(Resource)]
+struct Late(bevy::camera::RenderTarget);
+
+#[test]
+fn late_cameras_do_not_panic() {
+    let mut stage = Stage::with_app(WgpuSettings::default(), |app| {
+        app.add_systems(
+            Last,
+            |mut commands: Commands, late: Option<Res<Late>>, mut cameras: Query<&mut Camera>| {
+                for mut camera in &mut cameras {
+                    camera.is_active = true;
+                }
+                if let Some(late) = late {
+                    commands.spawn(camera(late.0.clone()));
+                    commands.remove_resource::<Late>();
+                }
+            },
+        );
+    });
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    // Another, with Bevy's own shadows.
+    stage.sun();
+    let view = stage.camera();
+    if let Some(mut camera) = stage.world().get_mut::<Camera>(view) {
+        camera.is_active = false;
+    }
+    for _ in 0..4 {
+        stage.step();
+    }
+    let target = stage.target();
+    stage.world().insert_resource(Late(target));
+    for _ in 0..4 {
+        stage.step();
+    }
+    // A light whose shadows are switched on after the cascades were made.
+    stage.world().entity_mut(sun).despawn();
+    stage.world().entity_mut(view).despawn();
+    for _ in 0..4 {
+        stage.step();
+    }
+}
+
+#[test]
+fn occlusion_culling_loses_no_casters() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert((DepthPrepass, OcclusionCulling));
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let without = stage.picture();
+    stage.world().entity_mut(sun).insert(OcclusionCulling);
+    assert_identical("occlusion_culling", &stage.picture(), &without);
+    // Bevy's light with occlusion culling becomes ours.
+    stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+    stage.picture();
+    stage.world().entity_mut(sun).insert(shadows());
+    assert_identical("occlusion_culling_taken_over", &stage.picture(), &without);
+}
+
+#[test]
+fn without_depth_clip_control() {
+    let gpu = || WgpuSettings {
+        disabled_features: Some(WgpuFeatures::DEPTH_CLIP_CONTROL),
+        ..default()
+    };
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let with = stage.picture();
+    if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+        light.shadow_maps_enabled = false;
+    }
+    let unshadowed = stage.picture();
+    drop(stage);
+    let mut stage = Stage::with_app(gpu(), |_| {});
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    assert_same_shadows("no_depth_clip_control", &stage.picture(), &with, &unshadowed);
+}
+
+#[test]
+fn nothing_is_logged_that_bevy_would_not() {
+    let lines = |ours: bool| {
+        let mut stage = Stage::new();
+        take_warnings();
+        let sun = stage.sun();
+        if ours {
+            stage.world().entity_mut(sun).insert(shadows());
+        }
+        stage.picture();
+        if ours {
+            stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+            stage.picture();
+        }
+        take_warnings()
+    };
+    assert_eq!(lines(true), lines(false));
+}
+
+#[test]
+fn a_bad_value_is_reported_once_and_changes_nothing() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let good = stage.picture();
+    take_warnings();
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: -3.0, ..shadows() });
+    assert_identical("bad_value", &stage.picture(), &good);
+    let reported: Vec<String> =
+        take_warnings().into_iter().filter(|line| line.contains("`far` is -3")).collect();
+    assert_eq!(reported.len(), 1, "{reported:?}");
+}

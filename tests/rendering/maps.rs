@@ -1,0 +1,49 @@
+//! The own pass: which maps are drawn, at which size, and how it is measured.
+
+use bevy::{
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    prelude::*,
+    render::{diagnostic::RenderDiagnosticsPlugin, settings::WgpuSettings},
+};
+use bevy_pssm::render::SHADOW_PASS_SPAN;
+
+use crate::stage::{Stage, shadows};
+
+/// Maps whose passes reported vertex shader invocations in the last frames.
+fn drawn(stage: &mut Stage) -> Vec<(usize, f64)> {
+    stage.picture();
+    let store = stage.world().resource::<DiagnosticsStore>();
+    (0..8)
+        .filter_map(|map| {
+            let path = format!("render/{SHADOW_PASS_SPAN}_{map}/vertex_shader_invocations");
+            Some((map, store.get_measurement(&DiagnosticPath::new(path))?.value))
+        })
+        .collect()
+}
+
+fn stage() -> Stage {
+    Stage::with_app(WgpuSettings::default(), |app| {
+        app.add_plugins(RenderDiagnosticsPlugin);
+    })
+}
+
+#[test]
+fn each_map_has_its_span() {
+    let mut stage = stage();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let drawn = drawn(&mut stage);
+    assert_eq!(drawn.iter().map(|(map, _)| *map).collect::<Vec<_>>(), [0, 1, 2, 3]);
+    assert!(drawn.iter().all(|(_, invocations)| *invocations > 0.0), "{drawn:?}");
+}
+
+#[test]
+fn maps_without_casters_are_not_drawn() {
+    let mut stage = stage();
+    stage.clear_casters();
+    // The ground casts into every cascade: take it away too.
+    stage.clear_ground();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    assert_eq!(drawn(&mut stage), []);
+}
