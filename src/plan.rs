@@ -6,11 +6,7 @@ use glam::{DMat4, DVec2};
 use crate::{
     config::{CascadeFit, ParallelSplitShadows},
     geometry::{
-        fit,
-        hull::CasterHull,
-        light_frame::LightFrame,
-        slice::ViewVolume,
-        split::split_planes,
+        fit, hull::CasterHull, light_frame::LightFrame, slice::ViewVolume, split::split_planes,
     },
 };
 
@@ -88,13 +84,21 @@ pub fn plan_cascades(
     let count = config.cascades as usize;
     let planes = split_planes(&config.splits, config.near, config.far, count);
     let blend_start = |index: usize| {
-        let share = if index + 1 == count { config.fade } else { config.blend };
+        let share = if index + 1 == count {
+            config.fade
+        } else {
+            config.blend
+        };
         planes[index + 1] - share * (planes[index + 1] - planes[index])
     };
     (0..count)
         .map(|index| {
             let far = planes[index + 1];
-            let near = if index == 0 { f64::NEG_INFINITY } else { blend_start(index - 1) };
+            let near = if index == 0 {
+                f64::NEG_INFINITY
+            } else {
+                blend_start(index - 1)
+            };
             let map_size = config.map_size.of_cascade(index);
             CascadePlan {
                 near,

@@ -11,14 +11,23 @@ use bevy::{
     image::Image as BevyImage,
     log::{
         LogPlugin,
-        tracing::{Event, Level, Subscriber, field::{Field, Visit}},
-        tracing_subscriber::{Layer, Registry, layer::{Context, SubscriberExt}, util::SubscriberInitExt},
+        tracing::{
+            Event, Level, Subscriber,
+            field::{Field, Visit},
+        },
+        tracing_subscriber::{
+            Layer, Registry,
+            layer::{Context, SubscriberExt},
+            util::SubscriberInitExt,
+        },
     },
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
         pipelined_rendering::PipelinedRenderingPlugin,
-        render_resource::{CachedPipelineState, PipelineCache, PollType, TextureFormat, TextureUsages},
+        render_resource::{
+            CachedPipelineState, PipelineCache, PollType, TextureFormat, TextureUsages,
+        },
         renderer::RenderDevice,
         settings::{RenderCreation, WgpuSettings},
         view::screenshot::{Screenshot, ScreenshotCaptured},
@@ -69,7 +78,9 @@ impl Headless {
                 .disable::<LogPlugin>()
                 .disable::<PipelinedRenderingPlugin>(),
         );
-        app.insert_resource(TimeUpdateStrategy::ManualDuration(core::time::Duration::ZERO));
+        app.insert_resource(TimeUpdateStrategy::ManualDuration(
+            core::time::Duration::ZERO,
+        ));
         setup(&mut app);
         while app.plugins_state() == PluginsState::Adding {
             bevy::tasks::tick_global_task_pools_on_main_thread();
@@ -77,15 +88,14 @@ impl Headless {
         app.finish();
         app.cleanup();
 
-        let mut image = BevyImage::new_target_texture(
-            size.x,
-            size.y,
-            TextureFormat::Rgba8UnormSrgb,
-            None,
-        );
+        let mut image =
+            BevyImage::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         image.asset_usage = RenderAssetUsages::RENDER_WORLD;
-        let target = app.world_mut().resource_mut::<Assets<BevyImage>>().add(image);
+        let target = app
+            .world_mut()
+            .resource_mut::<Assets<BevyImage>>()
+            .add(image);
         Self { app, target }
     }
 
@@ -121,7 +131,11 @@ impl Headless {
     }
 
     fn waiting_pipelines(&self) -> bool {
-        let cache = self.app.sub_app(RenderApp).world().resource::<PipelineCache>();
+        let cache = self
+            .app
+            .sub_app(RenderApp)
+            .world()
+            .resource::<PipelineCache>();
         for pipeline in cache.pipelines() {
             if let CachedPipelineState::Err(err) = &pipeline.state {
                 let waits = format!("{err:?}").contains("NotLoaded")
@@ -143,7 +157,11 @@ impl Headless {
             .world_mut()
             .spawn(Screenshot::image(self.target.clone()))
             .observe(move |captured: On<ScreenshotCaptured>| {
-                let picture = captured.image.clone().try_into_dynamic().map(|i| i.to_rgba8());
+                let picture = captured
+                    .image
+                    .clone()
+                    .try_into_dynamic()
+                    .map(|i| i.to_rgba8());
                 if let (Ok(mut slot), Ok(picture)) = (slot.lock(), picture) {
                     *slot = Some(picture);
                 }
@@ -160,7 +178,10 @@ impl Headless {
 
 /// Log lines of level WARN and above since the last call.
 pub fn take_warnings() -> Vec<String> {
-    WARNINGS.lock().map(|mut lines| core::mem::take(&mut *lines)).unwrap_or_default()
+    WARNINGS
+        .lock()
+        .map(|mut lines| core::mem::take(&mut *lines))
+        .unwrap_or_default()
 }
 
 static WARNINGS: Mutex<Vec<String>> = Mutex::new(Vec::new());
@@ -177,7 +198,11 @@ impl<S: Subscriber> Layer<S> for CaptureWarnings {
         if *event.metadata().level() > Level::WARN {
             return;
         }
-        let mut line = Line(format!("{} {}:", event.metadata().level(), event.metadata().target()));
+        let mut line = Line(format!(
+            "{} {}:",
+            event.metadata().level(),
+            event.metadata().target()
+        ));
         event.record(&mut line);
         if let Ok(mut lines) = WARNINGS.lock() {
             lines.push(line.0);

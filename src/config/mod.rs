@@ -11,9 +11,7 @@ pub(crate) use preset::MaxMapSize;
 use bevy::{
     asset::Asset,
     ecs::{component::Component, reflect::ReflectComponent},
-    reflect::{
-        Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault,
-    },
+    reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
 };
 use serde::{Deserialize, Serialize};
 

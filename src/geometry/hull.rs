@@ -43,8 +43,15 @@ impl CasterHull {
         let mut planes = Vec::with_capacity(12);
         let mut push = |normal: DVec3| {
             // Taking the furthest corner keeps the hull conservative whatever rounding did.
-            let distance = slice.corners.iter().map(|c| normal.dot(*c)).fold(f64::NEG_INFINITY, f64::max);
-            planes.push(HalfSpace { normal, distance: distance + margin });
+            let distance = slice
+                .corners
+                .iter()
+                .map(|c| normal.dot(*c))
+                .fold(f64::NEG_INFINITY, f64::max);
+            planes.push(HalfSpace {
+                normal,
+                distance: distance + margin,
+            });
         };
 
         let kept = faces.map(|normal| normal.is_some_and(|n| n.dot(to_light) <= 0.0));
@@ -65,7 +72,11 @@ impl CasterHull {
                 continue;
             };
             let middle = (slice.corners[a] + slice.corners[b]) * 0.5;
-            push(if normal.dot(middle - inside) < 0.0 { -normal } else { normal });
+            push(if normal.dot(middle - inside) < 0.0 {
+                -normal
+            } else {
+                normal
+            });
         }
         Self { planes }
     }
@@ -86,14 +97,20 @@ impl CasterHull {
 fn outward_normal(slice: &Slice, face: [usize; 4], inside: DVec3) -> Option<DVec3> {
     let [a, b, c, d] = face.map(|corner| slice.corners[corner]);
     let normal = (c - a).cross(d - b).try_normalize()?;
-    Some(if normal.dot((a + c) * 0.5 - inside) < 0.0 { -normal } else { normal })
+    Some(if normal.dot((a + c) * 0.5 - inside) < 0.0 {
+        -normal
+    } else {
+        normal
+    })
 }
 
 /// Pairs of faces with the edge that they share.
 fn shared_edges() -> impl Iterator<Item = (usize, usize, [usize; 2])> {
     (0..6).flat_map(|i| {
         (i + 1..6).filter_map(move |j| {
-            let mut shared = FACES[i].into_iter().filter(|corner| FACES[j].contains(corner));
+            let mut shared = FACES[i]
+                .into_iter()
+                .filter(|corner| FACES[j].contains(corner));
             Some((i, j, [shared.next()?, shared.next()?]))
         })
     })

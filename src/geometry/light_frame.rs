@@ -27,7 +27,11 @@ impl LightFrame {
             DVec3::Y
         };
         let x = helper.cross(z).normalize();
-        Some(Self { x, y: z.cross(x), z })
+        Some(Self {
+            x,
+            y: z.cross(x),
+            z,
+        })
     }
 
     /// Coordinates of a world-space point in the light's frame (metres; origin at the world's).

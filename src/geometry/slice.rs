@@ -60,7 +60,10 @@ impl ViewVolume {
     }
 
     fn corners_at(&self, depth: f64) -> [DVec3; 4] {
-        let (lo, hi) = (self.min[0] + depth * self.min[1], self.max[0] + depth * self.max[1]);
+        let (lo, hi) = (
+            self.min[0] + depth * self.min[1],
+            self.max[0] + depth * self.max[1],
+        );
         [
             DVec3::new(lo.x, lo.y, -depth),
             DVec3::new(hi.x, lo.y, -depth),

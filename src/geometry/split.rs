@@ -32,7 +32,8 @@ fn inner_plane(scheme: &SplitScheme, near: f64, far: f64, cascades: usize, index
         SplitScheme::Uniform => uniform(near, far, fraction),
         SplitScheme::Logarithmic => logarithmic(near, far, fraction),
         SplitScheme::Practical { lambda } => {
-            lambda * logarithmic(near, far, fraction) + (1.0 - lambda) * uniform(near, far, fraction)
+            lambda * logarithmic(near, far, fraction)
+                + (1.0 - lambda) * uniform(near, far, fraction)
         }
         SplitScheme::Geometric { gamma, bias } => {
             let growth = gamma.powi(remaining);

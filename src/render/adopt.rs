@@ -2,7 +2,8 @@
 //! and becomes a root view, which [`shadow_map_pass`](super::shadow_map_pass) draws.
 
 use bevy::{
-    core_pipeline::{schedule::{Core3d, RootNonCameraView}},
+    camera::visibility::RenderLayers,
+    core_pipeline::schedule::{Core3d, RootNonCameraView},
     ecs::{
         component::Component,
         entity::Entity,
@@ -18,7 +19,6 @@ use bevy::{
         CORE_3D_SHADOW_MAP_FORMAT, ExtractedDirectionalLight, LightEntity, MAX_DIRECTIONAL_LIGHTS,
         ShadowView, ViewLightEntities, ViewShadowBindings,
     },
-    camera::visibility::RenderLayers,
     render::{
         camera::SortedCameras,
         occlusion_culling::{
@@ -93,7 +93,11 @@ impl ShadowTarget {
         texture.get_or_insert_with(|| {
             let texture = device.create_texture(&TextureDescriptor {
                 label: Some("pssm_shadow_maps"),
-                size: Extent3d { width: size, height: size, depth_or_array_layers: layers },
+                size: Extent3d {
+                    width: size,
+                    height: size,
+                    depth_or_array_layers: layers,
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
@@ -103,7 +107,9 @@ impl ShadowTarget {
                     | TextureUsages::COPY_SRC,
                 view_formats: &[],
             });
-            *views = (0..layers).map(|layer| layer_view(&texture, layer)).collect();
+            *views = (0..layers)
+                .map(|layer| layer_view(&texture, layer))
+                .collect();
             texture
         })
     }
@@ -130,7 +136,9 @@ pub(super) fn forgo_occlusion_culling(
             extracted_light.occlusion_culling = false;
             if !*told {
                 *told = true;
-                info!("Light {light:?} is drawn without occlusion culling, which would lose casters");
+                info!(
+                    "Light {light:?} is drawn without occlusion culling, which would lose casters"
+                );
             }
         }
     }
@@ -151,14 +159,24 @@ pub(super) fn adopt_views(
         Option<&mut OcclusionCullingSubviewEntities>,
     )>,
     mut views: Query<
-        (Entity, &LightEntity, &mut ExtractedView, Option<&ShadowView>, Option<&AdoptedMap>),
+        (
+            Entity,
+            &LightEntity,
+            &mut ExtractedView,
+            Option<&ShadowView>,
+            Option<&AdoptedMap>,
+        ),
         Without<ViewLightEntities>,
     >,
     lights: Query<(&MainEntity, Option<&RenderLayers>), With<ExtractedDirectionalLight>>,
     adopted_cameras: Query<Entity, With<AdoptedLights>>,
     mut warned: Local<bool>,
 ) {
-    let order: Vec<Entity> = sorted_cameras.0.iter().map(|camera| camera.entity).collect();
+    let order: Vec<Entity> = sorted_cameras
+        .0
+        .iter()
+        .map(|camera| camera.entity)
+        .collect();
     let release = |commands: &mut Commands, target: &mut ShadowTarget| {
         for (view, light, _, _, adopted) in &views {
             if adopted.is_some() {
@@ -222,14 +240,27 @@ pub(super) fn adopt_views(
             lights: Vec::new(),
             light_count: lights
                 .iter()
-                .filter(|(_, layers)| layers.cloned().unwrap_or_default().intersects(&camera_layers))
+                .filter(|(_, layers)| {
+                    layers
+                        .cloned()
+                        .unwrap_or_default()
+                        .intersects(&camera_layers)
+                })
                 .count()
                 .min(MAX_DIRECTIONAL_LIGHTS),
         };
         let mut previous = None;
         for view in &camera_lights.lights {
-            let Ok((_, LightEntity::Directional { light_entity, cascade_index }, _, Some(shadow_view), _)) =
-                views.get(*view)
+            let Ok((
+                _,
+                LightEntity::Directional {
+                    light_entity,
+                    cascade_index,
+                },
+                _,
+                Some(shadow_view),
+                _,
+            )) = views.get(*view)
             else {
                 continue;
             };
@@ -277,17 +308,25 @@ pub(super) fn adopt_views(
         record.light_count + own.max(1)
     };
     let too_many = layers > device.limits().max_texture_array_layers
-        || records.iter().any(|(_, record)| slots_needed(record) > MAX_DIRECTIONAL_LIGHTS);
+        || records
+            .iter()
+            .any(|(_, record)| slots_needed(record) > MAX_DIRECTIONAL_LIGHTS);
     if layers == 0 || too_many {
         if too_many && !*warned {
             *warned = true;
-            warn!("Too many shadowed lights or cameras for own maps: Bevy's pass draws the cascades");
+            warn!(
+                "Too many shadowed lights or cameras for own maps: Bevy's pass draws the cascades"
+            );
         }
         release(&mut commands, &mut target);
         return;
     }
 
-    let size = maps.iter().map(|(_, map)| map.size).max().unwrap_or(stock_size);
+    let size = maps
+        .iter()
+        .map(|(_, map)| map.size)
+        .max()
+        .unwrap_or(stock_size);
     target.stock_size = stock_size;
     let texture = target.fit(&device, size, layers).clone();
     let array = texture.create_view(&TextureViewDescriptor {
@@ -309,7 +348,9 @@ pub(super) fn adopt_views(
         if let Ok((_, _, mut extracted_view, _, adopted)) = views.get_mut(view) {
             extracted_view.viewport = UVec4::new(0, 0, map.size, map.size);
             if adopted != Some(&map) {
-                commands.entity(view).insert((map, RootNonCameraView(Core3d.intern())));
+                commands
+                    .entity(view)
+                    .insert((map, RootNonCameraView(Core3d.intern())));
             }
             commands
                 .entity(view)
@@ -350,7 +391,13 @@ mod tests {
     fn light_indices_are_read_off_pass_names() {
         let name = "shadow_directional_light_7_cascade_3";
         assert_eq!(index_in_name(name, "directional_light_"), Some(7));
-        assert_eq!(index_in_name("shadow_spot_light_12", "spot_light_"), Some(12));
-        assert_eq!(index_in_name("shadow_point_light_1_face", "spot_light_"), None);
+        assert_eq!(
+            index_in_name("shadow_spot_light_12", "spot_light_"),
+            Some(12)
+        );
+        assert_eq!(
+            index_in_name("shadow_point_light_1_face", "spot_light_"),
+            None
+        );
     }
 }

@@ -1,7 +1,11 @@
 //! From the main world to the render world.
 
 use bevy::{
-    camera::{Camera, Camera3d, primitives::{CascadesFrusta, Frustum}, visibility::CascadesVisibleEntities},
+    camera::{
+        Camera, Camera3d,
+        primitives::{CascadesFrusta, Frustum},
+        visibility::CascadesVisibleEntities,
+    },
     ecs::{
         entity::Entity,
         query::With,
@@ -10,7 +14,10 @@ use bevy::{
         world::World,
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight},
-    render::{Extract, MainWorld, sync_world::{MainEntity, MainEntityHashMap}},
+    render::{
+        Extract, MainWorld,
+        sync_world::{MainEntity, MainEntityHashMap},
+    },
     shape::ViewFrustum,
 };
 
@@ -63,7 +70,10 @@ pub(super) fn extract_shadows(
             .views
             .iter()
             .map(|(view, plan)| {
-                (MainEntity::from(*view), plan.iter().map(ExtractedCascade::from).collect())
+                (
+                    MainEntity::from(*view),
+                    plan.iter().map(ExtractedCascade::from).collect(),
+                )
             })
             .collect();
         extracted.lights.insert(MainEntity::from(light), views);
@@ -113,7 +123,9 @@ pub(super) fn fill_missing_views(
             let frustum = Frustum(ViewFrustum::from_clip_from_world(&parked.clip_from_world));
             cascades.cascades.insert(camera, vec![parked; count]);
             frusta.frusta.insert(camera, vec![frustum; count]);
-            lists.entities.insert(camera, vec![Default::default(); count]);
+            lists
+                .entities
+                .insert(camera, vec![Default::default(); count]);
         }
     }
 }

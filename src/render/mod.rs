@@ -22,9 +22,7 @@ use bevy::{
     ecs::{resource::Resource, schedule::IntoScheduleConfigs},
     log::warn,
     pbr::{extract_lights, main_build_indirect_parameters, prepare_lights},
-    render::{
-        ExtractSchedule, Render, RenderApp, RenderSystems, renderer::RenderDevice,
-    },
+    render::{ExtractSchedule, Render, RenderApp, RenderSystems, renderer::RenderDevice},
 };
 
 use crate::{config::MaxMapSize, shaders};
@@ -54,7 +52,10 @@ pub(crate) fn build(app: &mut App) {
         return;
     }
     shaders::build(app);
-    app.add_systems(PreUpdate, shaders::replace_shadow_module.after(AssetTrackingSystems));
+    app.add_systems(
+        PreUpdate,
+        shaders::replace_shadow_module.after(AssetTrackingSystems),
+    );
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
@@ -63,7 +64,10 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<ShadowTarget>()
         .add_systems(
             ExtractSchedule,
-            (extract::fill_missing_views.before(extract_lights), extract::extract_shadows),
+            (
+                extract::fill_missing_views.before(extract_lights),
+                extract::extract_shadows,
+            ),
         )
         .add_systems(
             Render,
@@ -71,7 +75,9 @@ pub(crate) fn build(app: &mut App) {
                 adopt::forgo_occlusion_culling
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
-                adopt::adopt_views.in_set(RenderSystems::PrepareViews).after(prepare_lights),
+                adopt::adopt_views
+                    .in_set(RenderSystems::PrepareViews)
+                    .after(prepare_lights),
                 uniform::write_uniforms.in_set(RenderSystems::PrepareResources),
             ),
         )
@@ -92,8 +98,12 @@ pub(crate) fn finish(app: &mut App) {
     else {
         return;
     };
-    app.world().resource::<MaxMapSize>().set(limits.max_texture_dimension_2d);
-    let support = GpuSupport { layers: limits.max_texture_array_layers };
+    app.world()
+        .resource::<MaxMapSize>()
+        .set(limits.max_texture_dimension_2d);
+    let support = GpuSupport {
+        layers: limits.max_texture_array_layers,
+    };
     if !support.shadows() {
         warn!("This GPU has no array textures: Bevy's own shadows stay in force");
     }

@@ -31,9 +31,10 @@ pub fn shadow_map_pass(
     mut ctx: RenderContext,
 ) {
     let (entity, map, extracted_view) = view.into_inner();
-    let (Some(phase), Some(layer)) =
-        (phases.get(&extracted_view.retained_view_entity), target.layer(map.layer))
-    else {
+    let (Some(phase), Some(layer)) = (
+        phases.get(&extracted_view.retained_view_entity),
+        target.layer(map.layer),
+    ) else {
         return;
     };
     if map.skip_if_empty && phase.is_empty() {
@@ -47,13 +48,15 @@ pub fn shadow_map_pass(
         depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
             view: layer,
             // Reverse z: nothing is farther than 0.
-            depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
+            depth_ops: Some(Operations {
+                load: LoadOp::Clear(0.0),
+                store: StoreOp::Store,
+            }),
             stencil_ops: None,
         }),
         ..Default::default()
     });
-    let span = diagnostics
-        .pass_span(&mut pass, format!("{SHADOW_PASS_SPAN}_{}", map.layer));
+    let span = diagnostics.pass_span(&mut pass, format!("{SHADOW_PASS_SPAN}_{}", map.layer));
     pass.set_viewport(0.0, 0.0, map.size as f32, map.size as f32, 0.0, 1.0);
     pass.set_scissor_rect(0, 0, map.size, map.size);
     if let Err(err) = phase.render(&mut pass, world, entity) {

@@ -7,9 +7,7 @@ use bevy::{
     ecs::system::{Query, Res},
     pbr::{LightMeta, MAX_DIRECTIONAL_LIGHTS, Shadow, ViewLightsUniformOffset},
     render::{
-        render_phase::ViewBinnedRenderPhases,
-        render_resource::Buffer,
-        renderer::RenderQueue,
+        render_phase::ViewBinnedRenderPhases, render_resource::Buffer, renderer::RenderQueue,
         view::ExtractedView,
     },
 };
@@ -53,14 +51,22 @@ pub(super) fn write_uniforms(
             .is_some_and(|phase| !phase.is_empty())
     };
     for (offset, adopted) in &cameras {
-        let lights = Lights { queue: &queue, buffer, offset: u64::from(offset.offset) };
+        let lights = Lights {
+            queue: &queue,
+            buffer,
+            offset: u64::from(offset.offset),
+        };
         let last = MAX_DIRECTIONAL_LIGHTS - 1;
         let mut slots = vec![[0_f32; layout::LIGHT / 4]];
         let stock_scale = target.stock_size as f32 / target.size as f32;
         write_at(
             &mut slots[0],
             layout::DIR_TO_LIGHT,
-            &[SLOT_MARK as f32, stock_scale, f32::from(u8::from(extracted.overlay.cascade_tint))],
+            &[
+                SLOT_MARK as f32,
+                stock_scale,
+                f32::from(u8::from(extracted.overlay.cascade_tint)),
+            ],
         );
         let mut ours = 0;
         for light in &adopted.lights {
@@ -78,7 +84,11 @@ pub(super) fn write_uniforms(
                 let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
                 lights.write(index, field, &(-1.0_f32).to_ne_bytes());
             }
-            lights.write(index, layout::OVERLAP, &((last - ours) as f32).to_ne_bytes());
+            lights.write(
+                index,
+                layout::OVERLAP,
+                &((last - ours) as f32).to_ne_bytes(),
+            );
             ours += 1;
         }
         for (position, slot) in slots.iter().enumerate() {

@@ -43,8 +43,14 @@ const RENAMED: [&str; 5] = [
 
 /// Lookups of spot lights and of Bevy's directional lights, which may have to be scaled.
 const REDIRECTED: [[&str; 2]; 2] = [
-    ["return sample_shadow_map(", "return sample_stock_shadow_map("],
-    ["return sample_shadow_map_pcss(", "return sample_stock_shadow_map_pcss("],
+    [
+        "return sample_shadow_map(",
+        "return sample_stock_shadow_map(",
+    ],
+    [
+        "return sample_shadow_map_pcss(",
+        "return sample_stock_shadow_map_pcss(",
+    ],
 ];
 
 #[derive(Resource)]

@@ -5,8 +5,8 @@ use bevy::{
         primitives::{Aabb, CascadesFrusta, Frustum},
         visibility::{
             CascadesVisibleEntities, InheritedVisibility, NoCpuCulling, NoFrustumCulling,
-            RenderLayers, SetViewVisibility, ViewVisibility, VisibilityRange,
-            VisibleEntityRanges, VisibleMeshEntities,
+            RenderLayers, SetViewVisibility, ViewVisibility, VisibilityRange, VisibleEntityRanges,
+            VisibleMeshEntities,
         },
     },
     ecs::{
@@ -23,10 +23,7 @@ use bevy::{
     utils::Parallel,
 };
 
-use super::{
-    ManagedLight, ShadowPlans,
-    plan::published_cascade,
-};
+use super::{ManagedLight, ShadowPlans, plan::published_cascade};
 use crate::{config::CasterCulling, plan::CascadePlan};
 
 /// The first and last cascade that a caster is drawn into.
@@ -50,7 +47,9 @@ impl CasterCascades {
     /// The cascades that `caster` is drawn into for camera `view`; `None` if it is in none.
     pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeRange> {
         let casters = self.views.get(&view)?;
-        let index = casters.binary_search_by_key(&caster, |(entity, _)| *entity).ok()?;
+        let index = casters
+            .binary_search_by_key(&caster, |(entity, _)| *entity)
+            .ok()?;
         Some(casters[index].1)
     }
 }
@@ -101,11 +100,16 @@ pub(super) fn cull_casters(
         };
         let count = config.cascades as usize;
         let casts = light.shadow_maps_enabled && visible.get();
-        lists.entities.retain(|view, _| casts && plans.views.contains_key(view));
+        lists
+            .entities
+            .retain(|view, _| casts && plans.views.contains_key(view));
 
         for (view, plan) in &plans.views {
             let published: Vec<_> = (0..count)
-                .map(|index| plan.get(index).map_or_else(super::parked_cascade, published_cascade))
+                .map(|index| {
+                    plan.get(index)
+                        .map_or_else(super::parked_cascade, published_cascade)
+                })
                 .collect();
             let view_frusta = published
                 .iter()
@@ -119,14 +123,24 @@ pub(super) fn cull_casters(
 
             casters.par_iter_mut().for_each_init(
                 || found.borrow_local_mut(),
-                |found, (entity, inherited, mut view_visibility, caster_layers, aabb, transform, has_range, no_culling)| {
+                |found,
+                 (
+                    entity,
+                    inherited,
+                    mut view_visibility,
+                    caster_layers,
+                    aabb,
+                    transform,
+                    has_range,
+                    no_culling,
+                )| {
                     let layers_meet = layers
                         .unwrap_or_default()
                         .intersects(caster_layers.unwrap_or_default());
                     let out_of_range = has_range
-                        && ranges
-                            .as_ref()
-                            .is_some_and(|ranges| !ranges.entity_is_in_range_of_view(entity, *view));
+                        && ranges.as_ref().is_some_and(|ranges| {
+                            !ranges.entity_is_in_range_of_view(entity, *view)
+                        });
                     if !inherited.get() || !layers_meet || out_of_range {
                         return;
                     }
@@ -169,7 +183,9 @@ pub(super) fn cull_casters(
                 };
                 (*entity, range)
             };
-            record.views.insert(*view, found_casters.iter().map(to_range).collect());
+            record
+                .views
+                .insert(*view, found_casters.iter().map(to_range).collect());
         }
     }
 }
@@ -180,7 +196,9 @@ fn cascade_mask(plan: &[CascadePlan], bounds: Option<&(DVec3, DMat3)>) -> u8 {
     plan.iter()
         .enumerate()
         .filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)))
-        .filter(|(_, map)| bounds.is_none_or(|(centre, axes)| map.hull.intersects_box(*centre, axes)))
+        .filter(|(_, map)| {
+            bounds.is_none_or(|(centre, axes)| map.hull.intersects_box(*centre, axes))
+        })
         .fold(0, |mask, (index, _)| mask | (1 << index))
 }
 
@@ -195,6 +213,10 @@ fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> (DVec3, DMat3) {
     let half = aabb.half_extents.as_dvec3();
     (
         axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        DMat3::from_cols(axes.x_axis * half.x, axes.y_axis * half.y, axes.z_axis * half.z),
+        DMat3::from_cols(
+            axes.x_axis * half.x,
+            axes.y_axis * half.y,
+            axes.z_axis * half.z,
+        ),
     )
 }

@@ -98,7 +98,9 @@ pub(super) fn manage_lights(
                 *cascade_config = stock.cascade_config;
             }
             if removed {
-                commands.entity(entity).remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
+                commands
+                    .entity(entity)
+                    .remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
             }
             continue;
         };
@@ -128,7 +130,12 @@ pub(super) fn manage_lights(
 
 /// The configuration in the terms of Bevy's component, for whatever reads that.
 fn published_config(config: &ParallelSplitShadows) -> CascadeShadowConfig {
-    let planes = split_planes(&config.splits, config.near, config.far, config.cascades as usize);
+    let planes = split_planes(
+        &config.splits,
+        config.near,
+        config.far,
+        config.cascades as usize,
+    );
     // One proportion of the far bound must hold for all: the least of ours.
     let overlap = planes
         .windows(2)

@@ -53,8 +53,14 @@ pub(crate) fn build(app: &mut App) {
                 .before(VisibilitySystems::MarkNewlyHiddenEntitiesInvisible),
         ),
     )
-    .configure_sets(PreUpdate, PssmSystems::ApplyPresets.after(AssetEventSystems))
-    .add_systems(PreUpdate, manage::apply_presets.in_set(PssmSystems::ApplyPresets))
+    .configure_sets(
+        PreUpdate,
+        PssmSystems::ApplyPresets.after(AssetEventSystems),
+    )
+    .add_systems(
+        PreUpdate,
+        manage::apply_presets.in_set(PssmSystems::ApplyPresets),
+    )
     .add_systems(
         PostUpdate,
         (

@@ -51,7 +51,8 @@ pub(super) fn plan_shadows(
         })
         .collect();
 
-    for (light, transform, directional, managed, mut plans, mut cascades, mut frusta) in &mut lights {
+    for (light, transform, directional, managed, mut plans, mut cascades, mut frusta) in &mut lights
+    {
         let Some(config) = managed.config() else {
             plans.views.clear();
             continue;
@@ -74,7 +75,9 @@ pub(super) fn plan_shadows(
         }));
         if degenerate && !*warned {
             *warned = true;
-            warn!("Light {light} or a camera has a degenerate transform or projection: no shadows there");
+            warn!(
+                "Light {light} or a camera has a degenerate transform or projection: no shadows there"
+            );
         }
     }
 }
@@ -105,17 +108,23 @@ fn view_volume(
         Some(sub) => projection.get_clip_from_view_for_sub(sub),
         None => projection.get_clip_from_view(),
     };
-    ViewVolume::new(world_from_view, &clip_from_view, f64::from(projection.far()))
+    ViewVolume::new(
+        world_from_view,
+        &clip_from_view,
+        f64::from(projection.far()),
+    )
 }
 
 /// A plan in the terms of Bevy's component.
 pub(super) fn published_cascade(plan: &CascadePlan) -> Cascade {
-    plan.map.as_ref().map_or_else(parked_cascade, |map| Cascade {
-        world_from_cascade: map.world_from_cascade.as_mat4(),
-        clip_from_cascade: map.clip_from_cascade.as_mat4(),
-        clip_from_world: map.clip_from_world.as_mat4(),
-        texel_size: map.texel.max_element() as f32,
-    })
+    plan.map
+        .as_ref()
+        .map_or_else(parked_cascade, |map| Cascade {
+            world_from_cascade: map.world_from_cascade.as_mat4(),
+            clip_from_cascade: map.clip_from_cascade.as_mat4(),
+            clip_from_world: map.clip_from_world.as_mat4(),
+            texel_size: map.texel.max_element() as f32,
+        })
 }
 
 /// A cascade that covers nothing anyone will see, with matrices that can still be inverted.

@@ -15,7 +15,12 @@ fn slice(turn: Quat, near: f64, far: f64) -> Slice {
 /// A point of the slice, from weights of its corners.
 fn inside(slice: &Slice, weights: [f64; 8]) -> DVec3 {
     let total: f64 = weights.iter().sum();
-    slice.corners.iter().zip(weights).map(|(corner, w)| *corner * (w / total)).sum()
+    slice
+        .corners
+        .iter()
+        .zip(weights)
+        .map(|(corner, w)| *corner * (w / total))
+        .sum()
 }
 
 proptest! {
@@ -76,8 +81,15 @@ fn boxes_that_are_not_numbers_are_kept() {
 
 #[test]
 fn a_hull_has_few_planes() {
-    for to_light in [DVec3::Y, DVec3::Z, DVec3::X, DVec3::new(0.3, 0.8, 0.5).normalize()] {
-        let planes = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), to_light, 0.0).planes.len();
+    for to_light in [
+        DVec3::Y,
+        DVec3::Z,
+        DVec3::X,
+        DVec3::new(0.3, 0.8, 0.5).normalize(),
+    ] {
+        let planes = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), to_light, 0.0)
+            .planes
+            .len();
         assert!((4..=12).contains(&planes), "{planes}");
     }
 }

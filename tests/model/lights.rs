@@ -2,12 +2,18 @@
 
 use bevy::{
     app::PostUpdate,
-    camera::{primitives::{Aabb, CascadesFrusta}, visibility::CascadesVisibleEntities},
+    camera::{
+        primitives::{Aabb, CascadesFrusta},
+        visibility::CascadesVisibleEntities,
+    },
     ecs::prelude::*,
     light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
     log::LogPlugin,
     prelude::*,
-    render::{RenderPlugin, settings::{RenderCreation, WgpuSettings}},
+    render::{
+        RenderPlugin,
+        settings::{RenderCreation, WgpuSettings},
+    },
     shape::ViewFrustum,
     winit::WinitPlugin,
 };
@@ -20,14 +26,20 @@ struct FoundByBevy(usize);
 fn app() -> App {
     let mut app = App::new();
     // As on a server: all of Bevy but the renderer.
-    let no_gpu = WgpuSettings { backends: None, ..default() };
+    let no_gpu = WgpuSettings {
+        backends: None,
+        ..default()
+    };
     app.add_plugins((
         DefaultPlugins
             .set(RenderPlugin {
                 render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
                 ..default()
             })
-            .set(WindowPlugin { primary_window: None, ..default() })
+            .set(WindowPlugin {
+                primary_window: None,
+                ..default()
+            })
             .disable::<WinitPlugin>()
             .disable::<LogPlugin>(),
         PssmPlugin,
@@ -63,7 +75,11 @@ fn camera(app: &mut App) -> Entity {
 
 fn sun(app: &mut App, shadows: impl Bundle) -> Entity {
     app.world_mut()
-        .spawn((DirectionalLight::default(), Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.0), Vec3::Y), shadows))
+        .spawn((
+            DirectionalLight::default(),
+            Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.0), Vec3::Y),
+            shadows,
+        ))
         .id()
 }
 
@@ -82,7 +98,14 @@ fn caster(app: &mut App, at: Vec3) -> Entity {
 fn adding_the_component_is_enough() {
     let mut app = app();
     let view = camera(&mut app);
-    let light = sun(&mut app, ParallelSplitShadows { cascades: 3, far: 300.0, ..default() });
+    let light = sun(
+        &mut app,
+        ParallelSplitShadows {
+            cascades: 3,
+            far: 300.0,
+            ..default()
+        },
+    );
     app.update();
     let light = app.world().entity(light);
     assert!(light.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
@@ -91,7 +114,10 @@ fn adding_the_component_is_enough() {
     assert_eq!(config.bounds.len(), 3);
     assert_eq!(config.bounds[2], 300.0);
     assert_eq!(light.get::<Cascades>().unwrap().cascades[&view].len(), 3);
-    assert_eq!(light.get::<CascadesFrusta>().unwrap().frusta[&view].len(), 3);
+    assert_eq!(
+        light.get::<CascadesFrusta>().unwrap().frusta[&view].len(),
+        3
+    );
 }
 
 #[test]
@@ -129,12 +155,22 @@ fn casters_are_listed_where_they_matter_and_nowhere_else() {
 
     let record = app.world().get::<CasterCascades>(light).unwrap();
     assert_eq!(record.get(view, near).map(|range| range.first), Some(0));
-    assert_eq!(record.get(view, far), Some(CascadeRange { first: 3, last: 3 }));
+    assert_eq!(
+        record.get(view, far),
+        Some(CascadeRange { first: 3, last: 3 })
+    );
     assert_eq!(record.get(view, behind), None);
     assert_eq!(record.get(view, silent), None);
-    assert_eq!(record.get(view, high_up_light).map(|range| range.first), Some(0));
+    assert_eq!(
+        record.get(view, high_up_light).map(|range| range.first),
+        Some(0)
+    );
 
-    let lists = &app.world().get::<CascadesVisibleEntities>(light).unwrap().entities[&view];
+    let lists = &app
+        .world()
+        .get::<CascadesVisibleEntities>(light)
+        .unwrap()
+        .entities[&view];
     for (index, list) in lists.iter().enumerate() {
         let expected: Vec<Entity> = record.views[&view]
             .iter()
@@ -144,7 +180,12 @@ fn casters_are_listed_where_they_matter_and_nowhere_else() {
         assert_eq!(list.entities, expected);
     }
     // Off-screen casters must be marked visible, or Bevy would not extract their meshes.
-    assert!(app.world().get::<ViewVisibility>(high_up_light).unwrap().get());
+    assert!(
+        app.world()
+            .get::<ViewVisibility>(high_up_light)
+            .unwrap()
+            .get()
+    );
     assert!(!app.world().get::<ViewVisibility>(behind).unwrap().get());
 }
 
@@ -159,38 +200,80 @@ fn bevy_does_not_cull_for_managed_lights() {
     app.update();
     assert_eq!(app.world().resource::<FoundByBevy>().0, 0);
     let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
-    assert!(lists.entities.values().flatten().any(|list| !list.entities.is_empty()));
+    assert!(
+        lists
+            .entities
+            .values()
+            .flatten()
+            .any(|list| !list.entities.is_empty())
+    );
 }
 
 #[test]
 fn culling_off_lists_every_caster_in_every_cascade() {
     let mut app = app();
     let view = camera(&mut app);
-    let light = sun(&mut app, ParallelSplitShadows { culling: CasterCulling::Off, ..default() });
+    let light = sun(
+        &mut app,
+        ParallelSplitShadows {
+            culling: CasterCulling::Off,
+            ..default()
+        },
+    );
     let behind = caster(&mut app, Vec3::new(0.0, 0.0, 600.0));
     app.update();
     let record = app.world().get::<CasterCascades>(light).unwrap();
-    assert_eq!(record.get(view, behind), Some(CascadeRange { first: 0, last: 3 }));
+    assert_eq!(
+        record.get(view, behind),
+        Some(CascadeRange { first: 0, last: 3 })
+    );
 }
 
 #[test]
 fn removal_restores_bevys_settings() {
     let mut app = app();
     let view = camera(&mut app);
-    let custom = CascadeShadowConfig { bounds: vec![5.0, 50.0], overlap_proportion: 0.3, minimum_distance: 0.2 };
+    let custom = CascadeShadowConfig {
+        bounds: vec![5.0, 50.0],
+        overlap_proportion: 0.3,
+        minimum_distance: 0.2,
+    };
     let light = sun(&mut app, (custom.clone(), ParallelSplitShadows::default()));
     app.update();
-    assert_eq!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds.len(), 4);
-    app.world_mut().entity_mut(light).remove::<ParallelSplitShadows>();
+    assert_eq!(
+        app.world()
+            .get::<CascadeShadowConfig>(light)
+            .unwrap()
+            .bounds
+            .len(),
+        4
+    );
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<ParallelSplitShadows>();
     app.update();
     let entity = app.world().entity(light);
     let config = entity.get::<CascadeShadowConfig>().unwrap();
-    assert_eq!((&config.bounds, config.overlap_proportion), (&custom.bounds, 0.3));
-    assert!(!entity.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
+    assert_eq!(
+        (&config.bounds, config.overlap_proportion),
+        (&custom.bounds, 0.3)
+    );
+    assert!(
+        !entity
+            .get::<DirectionalLight>()
+            .unwrap()
+            .shadow_maps_enabled
+    );
     assert!(entity.get::<ShadowPlans>().is_none() && entity.get::<CasterCascades>().is_none());
-    app.world_mut().get_mut::<DirectionalLight>(light).unwrap().shadow_maps_enabled = true;
+    app.world_mut()
+        .get_mut::<DirectionalLight>(light)
+        .unwrap()
+        .shadow_maps_enabled = true;
     app.update();
-    assert_eq!(app.world().get::<Cascades>(light).unwrap().cascades[&view].len(), 2);
+    assert_eq!(
+        app.world().get::<Cascades>(light).unwrap().cascades[&view].len(),
+        2
+    );
 }
 
 #[test]
@@ -201,12 +284,35 @@ fn disabling_hands_the_light_back_and_enabling_takes_it_again() {
     let before = CascadeShadowConfig::default().bounds;
     for _ in 0..2 {
         app.update();
-        assert_ne!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds, before);
-        app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().enabled = false;
+        assert_ne!(
+            app.world()
+                .get::<CascadeShadowConfig>(light)
+                .unwrap()
+                .bounds,
+            before
+        );
+        app.world_mut()
+            .get_mut::<ParallelSplitShadows>(light)
+            .unwrap()
+            .enabled = false;
         app.update();
-        assert_eq!(app.world().get::<CascadeShadowConfig>(light).unwrap().bounds, before);
-        assert!(!app.world().get::<DirectionalLight>(light).unwrap().shadow_maps_enabled);
-        app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().enabled = true;
+        assert_eq!(
+            app.world()
+                .get::<CascadeShadowConfig>(light)
+                .unwrap()
+                .bounds,
+            before
+        );
+        assert!(
+            !app.world()
+                .get::<DirectionalLight>(light)
+                .unwrap()
+                .shadow_maps_enabled
+        );
+        app.world_mut()
+            .get_mut::<ParallelSplitShadows>(light)
+            .unwrap()
+            .enabled = true;
     }
 }
 
@@ -214,14 +320,26 @@ fn disabling_hands_the_light_back_and_enabling_takes_it_again() {
 fn a_bad_change_keeps_the_last_good_configuration() {
     let mut app = app();
     let view = camera(&mut app);
-    let light = sun(&mut app, ParallelSplitShadows { cascades: 2, ..default() });
+    let light = sun(
+        &mut app,
+        ParallelSplitShadows {
+            cascades: 2,
+            ..default()
+        },
+    );
     app.update();
     let count = |app: &App| app.world().get::<ShadowPlans>(light).unwrap().views[&view].len();
     assert_eq!(count(&app), 2);
-    app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().cascades = 9;
+    app.world_mut()
+        .get_mut::<ParallelSplitShadows>(light)
+        .unwrap()
+        .cascades = 9;
     app.update();
     assert_eq!(count(&app), 2);
-    app.world_mut().get_mut::<ParallelSplitShadows>(light).unwrap().cascades = 3;
+    app.world_mut()
+        .get_mut::<ParallelSplitShadows>(light)
+        .unwrap()
+        .cascades = 3;
     app.update();
     assert_eq!(count(&app), 3);
 }
@@ -230,11 +348,25 @@ fn a_bad_change_keeps_the_last_good_configuration() {
 fn a_component_that_was_never_good_leaves_bevys_shadows_alone() {
     let mut app = app();
     camera(&mut app);
-    let light = sun(&mut app, ParallelSplitShadows { near: f64::NAN, ..default() });
+    let light = sun(
+        &mut app,
+        ParallelSplitShadows {
+            near: f64::NAN,
+            ..default()
+        },
+    );
     app.update();
     let entity = app.world().entity(light);
-    assert_eq!(entity.get::<CascadeShadowConfig>().unwrap().bounds, CascadeShadowConfig::default().bounds);
-    assert!(!entity.get::<DirectionalLight>().unwrap().shadow_maps_enabled);
+    assert_eq!(
+        entity.get::<CascadeShadowConfig>().unwrap().bounds,
+        CascadeShadowConfig::default().bounds
+    );
+    assert!(
+        !entity
+            .get::<DirectionalLight>()
+            .unwrap()
+            .shadow_maps_enabled
+    );
 }
 
 #[test]
@@ -243,11 +375,24 @@ fn each_camera_and_light_has_its_own_plan() {
     let first = camera(&mut app);
     let second = app
         .world_mut()
-        .spawn((Camera3d::default(), Camera { order: 1, ..default() }, Transform::from_xyz(900.0, 2.0, 0.0)))
+        .spawn((
+            Camera3d::default(),
+            Camera {
+                order: 1,
+                ..default()
+            },
+            Transform::from_xyz(900.0, 2.0, 0.0),
+        ))
         .id();
     let lights = [
         sun(&mut app, ParallelSplitShadows::default()),
-        sun(&mut app, ParallelSplitShadows { cascades: 1, ..default() }),
+        sun(
+            &mut app,
+            ParallelSplitShadows {
+                cascades: 1,
+                ..default()
+            },
+        ),
     ];
     app.update();
     for light in lights {
@@ -279,7 +424,10 @@ fn degenerate_transforms_give_no_map_and_no_nan() {
         }
     }
     *app.world_mut().get_mut::<Transform>(view).unwrap() = Transform::default();
-    app.world_mut().get_mut::<Transform>(light).unwrap().rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    app.world_mut()
+        .get_mut::<Transform>(light)
+        .unwrap()
+        .rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
     app.update();
     for cascade in &app.world().get::<Cascades>(light).unwrap().cascades[&view] {
         assert!(cascade.clip_from_world.is_finite());

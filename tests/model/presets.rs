@@ -2,14 +2,19 @@
 
 use bevy::asset::AssetPath;
 use bevy_pssm::{
-    CascadeFit, CasterCulling, MapSize, ParallelSplitShadows, SplitScheme, config::ShadowPresetLoader,
+    CascadeFit, CasterCulling, MapSize, ParallelSplitShadows, SplitScheme,
+    config::ShadowPresetLoader,
 };
 
 const MAX_MAP_SIZE: u32 = 8192;
 
 fn parse(text: &str) -> Result<ParallelSplitShadows, String> {
-    ShadowPresetLoader::parse(text, &AssetPath::from("shadows/test.shadows.ron"), MAX_MAP_SIZE)
-        .map_err(|error| error.to_string())
+    ShadowPresetLoader::parse(
+        text,
+        &AssetPath::from("shadows/test.shadows.ron"),
+        MAX_MAP_SIZE,
+    )
+    .map_err(|error| error.to_string())
 }
 
 #[test]
@@ -53,7 +58,10 @@ fn every_field_and_variant_is_read() {
 #[test]
 fn what_is_written_is_read_back() {
     let config = ParallelSplitShadows {
-        splits: SplitScheme::Geometric { gamma: 3.5, bias: 1.25 },
+        splits: SplitScheme::Geometric {
+            gamma: 3.5,
+            bias: 1.25,
+        },
         map_size: MapSize::Halving(4096),
         ..Default::default()
     };
@@ -87,25 +95,73 @@ const BAD: [(&str, usize, &[&str]); 30] = [
     ("(cascades: -1)", 1, &["out of bounds"]),
     ("(cascades: 2.5)", 1, &["Expected"]),
     ("(cascades: \"four\")", 1, &["Expected"]),
-    ("(// cascades, near\n near: 0.0)", 2, &["`near` is 0", "above 0"]),
-    ("(/* near\n near */\n near: -2.0)", 3, &["`near` is -2", "above 0"]),
+    (
+        "(// cascades, near\n near: 0.0)",
+        2,
+        &["`near` is 0", "above 0"],
+    ),
+    (
+        "(/* near\n near */\n near: -2.0)",
+        3,
+        &["`near` is -2", "above 0"],
+    ),
     ("(near: NaN)", 1, &["`near` is NaN", "above 0"]),
     ("(far: inf)", 1, &["`far` is inf", "at most 10000000"]),
     ("(far: -100.0)", 1, &["`far` is -100", "above 0"]),
-    ("(near: 50.0,\n far: 50.0)", 2, &["`far` is 50", "above `near` (50)"]),
-    ("(splits: Practical(lambda: 1.5))", 1, &["`lambda` is 1.5", "from 0 to 1"]),
+    (
+        "(near: 50.0,\n far: 50.0)",
+        2,
+        &["`far` is 50", "above `near` (50)"],
+    ),
+    (
+        "(splits: Practical(lambda: 1.5))",
+        1,
+        &["`lambda` is 1.5", "from 0 to 1"],
+    ),
     ("(splits: Practical(lambda: NaN))", 1, &["`lambda` is NaN"]),
     ("(splits: Practical())", 1, &["lambda", "missing"]),
-    ("(splits: Geometric(gamma: 1.0, bias: 0.0))", 1, &["`gamma` is 1", "above 1"]),
-    ("(splits: Geometric(gamma: 2.0,\n bias: -1.0))", 2, &["`bias` is -1", "from 0 to 500"]),
+    (
+        "(splits: Geometric(gamma: 1.0, bias: 0.0))",
+        1,
+        &["`gamma` is 1", "above 1"],
+    ),
+    (
+        "(splits: Geometric(gamma: 2.0,\n bias: -1.0))",
+        2,
+        &["`bias` is -1", "from 0 to 500"],
+    ),
     ("(splits: Cubic)", 1, &["Cubic", "`Uniform`"]),
-    ("(splits: Manual([10.0]))", 1, &["`Manual` lists 1 values", "must list 3"]),
-    ("(splits:\n Manual([10.0, 9.0, 20.0]))", 2, &["`Manual` plane 1 is 9", "above 10"]),
-    ("(splits: Manual([10.0, 20.0, 600.0]))", 1, &["`Manual` plane 2 is 600", "below 500"]),
+    (
+        "(splits: Manual([10.0]))",
+        1,
+        &["`Manual` lists 1 values", "must list 3"],
+    ),
+    (
+        "(splits:\n Manual([10.0, 9.0, 20.0]))",
+        2,
+        &["`Manual` plane 1 is 9", "above 10"],
+    ),
+    (
+        "(splits: Manual([10.0, 20.0, 600.0]))",
+        1,
+        &["`Manual` plane 2 is 600", "below 500"],
+    ),
     ("(blend: 0.75)", 1, &["`blend` is 0.75", "from 0 to 0.5"]),
-    ("(map_size: Same(0))", 1, &["`map_size` is 0", "from 64 to 8192"]),
-    ("(map_size: List([2048, 2048, 2048, 8193]))", 1, &["`map_size` is 8193", "from 64 to 8192"]),
-    ("(map_size: List([2048]))", 1, &["`map_size` lists 1 values", "must list 4"]),
+    (
+        "(map_size: Same(0))",
+        1,
+        &["`map_size` is 0", "from 64 to 8192"],
+    ),
+    (
+        "(map_size: List([2048, 2048, 2048, 8193]))",
+        1,
+        &["`map_size` is 8193", "from 64 to 8192"],
+    ),
+    (
+        "(map_size: List([2048]))",
+        1,
+        &["`map_size` lists 1 values", "must list 4"],
+    ),
 ];
 
 #[test]
@@ -114,20 +170,38 @@ fn every_mistake_has_its_own_message_with_file_and_line() {
     for (text, line, parts) in BAD {
         let message = parse(text).expect_err(text);
         let place = format!("shadows/test.shadows.ron:{line}:");
-        assert!(message.starts_with(&place), "{text:?} gave {message:?}, expected {place}");
+        assert!(
+            message.starts_with(&place),
+            "{text:?} gave {message:?}, expected {place}"
+        );
         for part in parts {
-            assert!(message.contains(part), "{text:?} gave {message:?} without {part:?}");
+            assert!(
+                message.contains(part),
+                "{text:?} gave {message:?} without {part:?}"
+            );
         }
-        assert!(messages.insert(message.clone()), "{text:?} shares the message {message:?}");
+        assert!(
+            messages.insert(message.clone()),
+            "{text:?} shares the message {message:?}"
+        );
     }
 }
 
 #[test]
 fn limits_of_the_gpu_count() {
-    let config = ParallelSplitShadows { map_size: MapSize::Halving(4096), ..Default::default() };
+    let config = ParallelSplitShadows {
+        map_size: MapSize::Halving(4096),
+        ..Default::default()
+    };
     assert!(config.validate(4096).is_ok());
     let message = config.validate(2048).unwrap_err().to_string();
-    assert!(message.contains("4096") && message.contains("2048"), "{message}");
-    let shrinks_away = ParallelSplitShadows { map_size: MapSize::Halving(256), ..Default::default() };
+    assert!(
+        message.contains("4096") && message.contains("2048"),
+        "{message}"
+    );
+    let shrinks_away = ParallelSplitShadows {
+        map_size: MapSize::Halving(256),
+        ..Default::default()
+    };
     assert!(shrinks_away.validate(4096).is_err());
 }

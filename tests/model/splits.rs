@@ -12,8 +12,14 @@ fn scheme_of(columns: &[&str]) -> SplitScheme {
         "uniform" => SplitScheme::Uniform,
         "logarithmic" => SplitScheme::Logarithmic,
         "practical" => SplitScheme::Practical { lambda: number(5) },
-        "geometric" => SplitScheme::Geometric { gamma: number(6), bias: number(7) },
-        "geometric_scaled" => SplitScheme::GeometricScaled { gamma: number(6), bias: number(7) },
+        "geometric" => SplitScheme::Geometric {
+            gamma: number(6),
+            bias: number(7),
+        },
+        "geometric_scaled" => SplitScheme::GeometricScaled {
+            gamma: number(6),
+            bias: number(7),
+        },
         other => panic!("unknown scheme {other}"),
     }
 }
@@ -39,8 +45,7 @@ fn any_scheme() -> impl Strategy<Value = SplitScheme> {
         Just(SplitScheme::Uniform),
         Just(SplitScheme::Logarithmic),
         (0.0..=1.0).prop_map(|lambda| SplitScheme::Practical { lambda }),
-        (1.001..50.0, 0.0..100.0)
-            .prop_map(|(gamma, bias)| SplitScheme::Geometric { gamma, bias }),
+        (1.001..50.0, 0.0..100.0).prop_map(|(gamma, bias)| SplitScheme::Geometric { gamma, bias }),
         (1.001..50.0, 0.0..100.0)
             .prop_map(|(gamma, bias)| SplitScheme::GeometricScaled { gamma, bias }),
     ]

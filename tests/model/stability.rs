@@ -10,15 +10,27 @@ use proptest::prelude::*;
 
 use crate::views::{any_direction, any_turn, perspective, volume};
 
-const REACH: LookupReach = LookupReach { texels: 6.0, metres: 0.07 };
+const REACH: LookupReach = LookupReach {
+    texels: 6.0,
+    metres: 0.07,
+};
 
 fn config(map_size: u32) -> ParallelSplitShadows {
-    ParallelSplitShadows { far: 800.0, map_size: MapSize::Same(map_size), ..Default::default() }
+    ParallelSplitShadows {
+        far: 800.0,
+        map_size: MapSize::Same(map_size),
+        ..Default::default()
+    }
 }
 
 fn plan(config: &ParallelSplitShadows, eye: Vec3, turn: Quat, to_light: DVec3) -> Vec<CascadePlan> {
     let light = LightFrame::new(to_light).expect("a direction");
-    plan_cascades(&volume(&perspective(1.05, 1.333), eye, turn), &light, config, REACH)
+    plan_cascades(
+        &volume(&perspective(1.05, 1.333), eye, turn),
+        &light,
+        config,
+        REACH,
+    )
 }
 
 /// A pseudo-random walk: small moves and turns, the same in every run.
@@ -26,7 +38,10 @@ struct Walk(u64);
 
 impl Walk {
     fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        self.0 = self
+            .0
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
         ((self.0 >> 40) as f32 / (1 << 24) as f32) * 2.0 - 1.0
     }
 }
@@ -36,7 +51,12 @@ fn walk_from(start: Vec3, map_size: u32) {
     let config = config(map_size);
     let to_light = DVec3::new(0.3, 0.7, -0.45);
     let (mut eye, mut yaw, mut pitch) = (start, 0.3_f32, -0.2_f32);
-    let first = plan(&config, eye, Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, 0.0), to_light);
+    let first = plan(
+        &config,
+        eye,
+        Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, 0.0),
+        to_light,
+    );
     let mut walk = Walk(42);
     let mut shifted = 0;
     for _ in 0..2000 {
@@ -48,24 +68,32 @@ fn walk_from(start: Vec3, map_size: u32) {
             let a = a.map.as_ref().expect("a map");
             let b = b.map.expect("a map");
             for column in 0..3 {
-                let bits = |m: &bevy::math::DMat4| m.col(column).truncate().to_array().map(f64::to_bits);
+                let bits =
+                    |m: &bevy::math::DMat4| m.col(column).truncate().to_array().map(f64::to_bits);
                 assert_eq!(bits(&a.clip_from_world), bits(&b.clip_from_world));
             }
             let texels_per_ndc = 0.5 * f64::from(map_size);
             let shift = (b.clip_from_world.w_axis - a.clip_from_world.w_axis) * texels_per_ndc;
             for texels in [shift.x, shift.y] {
-                assert!((texels - texels.round()).abs() < 1e-6, "moved by {texels} texels");
+                assert!(
+                    (texels - texels.round()).abs() < 1e-6,
+                    "moved by {texels} texels"
+                );
                 shifted += usize::from(texels.abs() > 0.5);
             }
             // With a power of two the texel grid is exact in f32 too, which the GPU works in.
             if map_size.is_power_of_two() {
-                let shift = (b.clip_from_world.as_mat4().w_axis - a.clip_from_world.as_mat4().w_axis)
+                let shift = (b.clip_from_world.as_mat4().w_axis
+                    - a.clip_from_world.as_mat4().w_axis)
                     * texels_per_ndc as f32;
                 assert_eq!((shift.x, shift.y), (shift.x.round(), shift.y.round()));
             }
         }
     }
-    assert!(shifted > 1000, "the walk was too short to move the maps: {shifted}");
+    assert!(
+        shifted > 1000,
+        "the walk was too short to move the maps: {shifted}"
+    );
 }
 
 #[test]
@@ -136,7 +164,13 @@ proptest! {
 
 #[test]
 fn light_frames_are_orthonormal_right_handed_and_need_a_direction() {
-    for to_light in [DVec3::Y, DVec3::NEG_Y, DVec3::X, DVec3::Z, DVec3::new(1e-4, 1.0, 1e-5)] {
+    for to_light in [
+        DVec3::Y,
+        DVec3::NEG_Y,
+        DVec3::X,
+        DVec3::Z,
+        DVec3::new(1e-4, 1.0, 1e-5),
+    ] {
         let frame = LightFrame::new(to_light).expect("a direction");
         let matrix = frame.world_from_light();
         approx::assert_relative_eq!(matrix.determinant(), 1.0, epsilon = 1e-12);

@@ -8,7 +8,13 @@ use bevy_pssm::geometry::slice::ViewVolume;
 use proptest::prelude::*;
 
 pub fn perspective(fov: f32, aspect_ratio: f32) -> Projection {
-    Projection::Perspective(PerspectiveProjection { fov, aspect_ratio, near: 0.1, far: 2000.0, ..Default::default() })
+    Projection::Perspective(PerspectiveProjection {
+        fov,
+        aspect_ratio,
+        near: 0.1,
+        far: 2000.0,
+        ..Default::default()
+    })
 }
 
 pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
@@ -22,21 +28,25 @@ pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
         ),
         translation: rotation.translation.as_dvec3(),
     };
-    ViewVolume::new(world_from_view, &projection.get_clip_from_view(), f64::from(projection.far()))
-        .expect("a sound camera")
+    ViewVolume::new(
+        world_from_view,
+        &projection.get_clip_from_view(),
+        f64::from(projection.far()),
+    )
+    .expect("a sound camera")
 }
 
 pub fn any_turn() -> impl Strategy<Value = Quat> {
-    (0.0..core::f32::consts::TAU, -1.5..1.5_f32, -0.5..0.5_f32)
-        .prop_map(|(yaw, pitch, roll)| Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, roll))
+    (0.0..core::f32::consts::TAU, -1.5..1.5_f32, -0.5..0.5_f32).prop_map(|(yaw, pitch, roll)| {
+        Quat::from_euler(bevy::math::EulerRot::YXZ, yaw, pitch, roll)
+    })
 }
 
 pub fn any_direction() -> impl Strategy<Value = DVec3> {
-    (-1.0..1.0_f64, 0.0..core::f64::consts::TAU)
-        .prop_map(|(y, a)| {
-            let r = (1.0 - y * y).sqrt();
-            DVec3::new(r * a.cos(), y, r * a.sin())
-        })
+    (-1.0..1.0_f64, 0.0..core::f64::consts::TAU).prop_map(|(y, a)| {
+        let r = (1.0 - y * y).sqrt();
+        DVec3::new(r * a.cos(), y, r * a.sin())
+    })
 }
 
 #[test]

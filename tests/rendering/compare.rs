@@ -23,7 +23,10 @@ pub fn assert_same_shadows(
 ) {
     save(name, found, expected);
     let shadowed = share_differing(expected, unshadowed, 12);
-    assert!(shadowed > 0.01, "{name}: the scene shows hardly any shadow ({shadowed:.4})");
+    assert!(
+        shadowed > 0.01,
+        "{name}: the scene shows hardly any shadow ({shadowed:.4})"
+    );
     let wrong = share_differing(found, expected, 40);
     assert!(
         wrong < 0.12 * shadowed,
@@ -35,7 +38,10 @@ pub fn assert_same_shadows(
 pub fn assert_identical(name: &str, found: &RgbaImage, expected: &RgbaImage) {
     save(name, found, expected);
     let differing = share_differing(found, expected, 0);
-    assert!(differing == 0.0, "{name}: {differing:.6} of the picture differ");
+    assert!(
+        differing == 0.0,
+        "{name}: {differing:.6} of the picture differ"
+    );
 }
 
 /// Keeps both pictures side by side under `target/test-pictures/` for a look.
@@ -45,6 +51,9 @@ pub fn save(name: &str, left: &RgbaImage, right: &RgbaImage) {
     image::imageops::replace(&mut both, left, 0, 0);
     image::imageops::replace(&mut both, right, i64::from(left.width()), 0);
     std::fs::create_dir_all(folder)
-        .and_then(|()| both.save(format!("{folder}/{name}.png")).map_err(std::io::Error::other))
+        .and_then(|()| {
+            both.save(format!("{folder}/{name}.png"))
+                .map_err(std::io::Error::other)
+        })
         .expect("pictures can be written");
 }

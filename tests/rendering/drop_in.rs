@@ -38,12 +38,20 @@ fn take(stage: &mut Stage, sun: Entity) -> Pictures {
     set_maps(stage, false);
     let unshadowed = stage.picture();
     set_maps(stage, true);
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 4096 });
+    stage
+        .world()
+        .insert_resource(DirectionalLightShadowMap { size: 4096 });
     let stock = stage.picture();
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
+    stage
+        .world()
+        .insert_resource(DirectionalLightShadowMap { size: 1024 });
     stage.world().entity_mut(sun).insert(shadows());
     let ours = stage.picture();
-    Pictures { unshadowed, stock, ours }
+    Pictures {
+        unshadowed,
+        stock,
+        ours,
+    }
 }
 
 fn assert_right(name: &str, stage: &mut Stage, sun: Entity) {
@@ -61,9 +69,14 @@ fn forward_camera() {
 #[test]
 fn deferred_camera() {
     let mut stage = Stage::new();
-    stage.world().insert_resource(DefaultOpaqueRendererMethod::deferred());
+    stage
+        .world()
+        .insert_resource(DefaultOpaqueRendererMethod::deferred());
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert((DepthPrepass, DeferredPrepass));
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert((DepthPrepass, DeferredPrepass));
     let sun = stage.sun();
     assert_right("deferred", &mut stage, sun);
 }
@@ -72,7 +85,10 @@ fn deferred_camera() {
 fn camera_with_prepasses() {
     let mut stage = Stage::new();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert((DepthPrepass, NormalPrepass, MotionVectorPrepass));
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert((DepthPrepass, NormalPrepass, MotionVectorPrepass));
     let sun = stage.sun();
     assert_right("prepasses", &mut stage, sun);
 }
@@ -81,10 +97,15 @@ fn camera_with_prepasses() {
 fn orthographic_camera() {
     let mut stage = Stage::new();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert(Projection::Orthographic(OrthographicProjection {
-        scaling_mode: ScalingMode::FixedVertical { viewport_height: 20.0 },
-        ..OrthographicProjection::default_3d()
-    }));
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert(Projection::Orthographic(OrthographicProjection {
+            scaling_mode: ScalingMode::FixedVertical {
+                viewport_height: 20.0,
+            },
+            ..OrthographicProjection::default_3d()
+        }));
     let sun = stage.sun();
     assert_right("orthographic", &mut stage, sun);
 }
@@ -117,10 +138,16 @@ fn extended_material() {
     let mut stage = Stage::with_app(default(), |app| {
         app.add_plugins(MaterialPlugin::<Extended>::default());
     });
-    let material = stage.world().resource_mut::<Assets<Extended>>().add(Extended {
-        base: StandardMaterial { perceptual_roughness: 1.0, ..default() },
-        extension: Plain {},
-    });
+    let material = stage
+        .world()
+        .resource_mut::<Assets<Extended>>()
+        .add(Extended {
+            base: StandardMaterial {
+                perceptual_roughness: 1.0,
+                ..default()
+            },
+            extension: Plain {},
+        });
     let mut meshes = stage.world().query_filtered::<Entity, With<Mesh3d>>();
     let meshes: Vec<Entity> = meshes.iter(stage.world()).collect();
     for mesh in meshes {
@@ -149,7 +176,11 @@ fn split_screen() {
                     physical_size: half,
                     ..default()
                 }),
-                clear_color: if index == 0 { default() } else { ClearColorConfig::None },
+                clear_color: if index == 0 {
+                    default()
+                } else {
+                    ClearColorConfig::None
+                },
                 ..default()
             },
             Transform::from_xyz(6.0 - 9.0 * index as f32, 3.0, 12.0 - 20.0 * index as f32)
@@ -187,7 +218,10 @@ fn soft_shadows() {
     save("soft", &pictures.ours, &pictures.stock);
     let shadowed = share_differing(&pictures.ours, &pictures.unshadowed, 12);
     let expected = share_differing(&pictures.stock, &pictures.unshadowed, 12);
-    assert!((0.5..2.0).contains(&(shadowed / expected)), "{shadowed} against {expected}");
+    assert!(
+        (0.5..2.0).contains(&(shadowed / expected)),
+        "{shadowed} against {expected}"
+    );
 }
 
 #[test]
@@ -202,8 +236,14 @@ fn transmission() {
         thickness: 0.05,
         ..default()
     };
-    let leaf = stage.world().resource_mut::<Assets<StandardMaterial>>().add(leaf);
-    let screen = stage.world().resource_mut::<Assets<Mesh>>().add(Rectangle::new(7.0, 5.0));
+    let leaf = stage
+        .world()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(leaf);
+    let screen = stage
+        .world()
+        .resource_mut::<Assets<Mesh>>()
+        .add(Rectangle::new(7.0, 5.0));
     stage.world().spawn((
         Mesh3d(screen),
         MeshMaterial3d(leaf),
@@ -232,15 +272,21 @@ fn alpha_masked_casters() {
     let mut stage = Stage::new();
     let sun = stage.sun();
     stage.clear_casters();
-    let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(Rectangle::new(6.0, 4.0));
+    let mesh = stage
+        .world()
+        .resource_mut::<Assets<Mesh>>()
+        .add(Rectangle::new(6.0, 4.0));
     let mask = stage.checkered_mask();
-    let material = stage.world().resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
-        base_color_texture: Some(mask),
-        alpha_mode: AlphaMode::Mask(0.5),
-        cull_mode: None,
-        double_sided: true,
-        ..default()
-    });
+    let material = stage
+        .world()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial {
+            base_color_texture: Some(mask),
+            alpha_mode: AlphaMode::Mask(0.5),
+            cull_mode: None,
+            double_sided: true,
+            ..default()
+        });
     stage.world().spawn((
         Mesh3d(mesh),
         MeshMaterial3d(material),
@@ -266,12 +312,19 @@ fn assert_stays_bevys(name: &str, map_size: u32, levels: u8, spawn_other: impl F
     let ours = stage.picture();
     save(name, &ours, &stock);
     let differing = share_differing(&ours, &stock, levels);
-    assert!(differing == 0.0, "{name}: {differing:.6} of the picture differ");
+    assert!(
+        differing == 0.0,
+        "{name}: {differing:.6} of the picture differ"
+    );
 }
 
 fn second_sun(world: &mut World) {
     world.spawn((
-        DirectionalLight { illuminance: 2000.0, shadow_maps_enabled: true, ..default() },
+        DirectionalLight {
+            illuminance: 2000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
         Transform::from_xyz(3.0, 4.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y),
         crate::stage::stock_cascades(),
     ));
@@ -289,7 +342,12 @@ fn spot_light(world: &mut World) {
         Transform::from_xyz(-8.0, 9.0, 4.0).looking_at(Vec3::new(0.0, 0.0, -6.0), Vec3::Y),
     ));
     world.spawn((
-        PointLight { intensity: 400_000.0, range: 30.0, shadow_maps_enabled: true, ..default() },
+        PointLight {
+            intensity: 400_000.0,
+            range: 30.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
         Transform::from_xyz(3.0, 5.0, -1.0),
     ));
 }
@@ -311,11 +369,17 @@ fn spot_and_point_lights_stay_bevys() {
 fn volumetric_fog() {
     let mut stage = Stage::new();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert(VolumetricFog { ambient_intensity: 0.0, ..default() });
+    stage.world().entity_mut(camera).insert(VolumetricFog {
+        ambient_intensity: 0.0,
+        ..default()
+    });
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(VolumetricLight);
     stage.world().spawn((
-        FogVolume { density_factor: 0.02, ..default() },
+        FogVolume {
+            density_factor: 0.02,
+            ..default()
+        },
         Transform::from_scale(Vec3::new(60.0, 20.0, 120.0)),
     ));
     assert_right("fog", &mut stage, sun);
@@ -326,19 +390,34 @@ fn fog_outside_the_maps_is_lit() {
     let mut stage = Stage::new();
     stage.clear_casters();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert(VolumetricFog { ambient_intensity: 0.0, ..default() });
+    stage.world().entity_mut(camera).insert(VolumetricFog {
+        ambient_intensity: 0.0,
+        ..default()
+    });
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(VolumetricLight);
     stage.world().spawn((
-        FogVolume { density_factor: 0.02, ..default() },
+        FogVolume {
+            density_factor: 0.02,
+            ..default()
+        },
         Transform::from_xyz(0.0, 0.0, -200.0).with_scale(Vec3::new(300.0, 60.0, 300.0)),
     ));
     let bright = |picture: &RgbaImage| picture.pixels().map(|p| u64::from(p[0])).sum::<u64>();
-    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: 400.0, ..shadows() });
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        far: 400.0,
+        ..shadows()
+    });
     let covered = stage.picture();
-    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: 20.0, ..shadows() });
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        far: 20.0,
+        ..shadows()
+    });
     let outside = stage.picture();
     save("fog_outside", &outside, &covered);
     let ratio = bright(&outside) as f64 / bright(&covered) as f64;
-    assert!((0.98..1.02).contains(&ratio), "fog beyond the maps has {ratio} of its light");
+    assert!(
+        (0.98..1.02).contains(&ratio),
+        "fog beyond the maps has {ratio} of its light"
+    );
 }

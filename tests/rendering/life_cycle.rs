@@ -5,9 +5,7 @@ use bevy::{
     core_pipeline::prepass::DepthPrepass,
     prelude::*,
     render::{
-        occlusion_culling::OcclusionCulling,
-        render_resource::WgpuFeatures,
-        settings::WgpuSettings,
+        occlusion_culling::OcclusionCulling, render_resource::WgpuFeatures, settings::WgpuSettings,
     },
 };
 use bevy_pssm::prelude::*;
@@ -25,8 +23,14 @@ fn removed_is_as_if_never_added() {
     let never = stage.picture();
     stage.world().entity_mut(sun).insert(shadows());
     let ours = stage.picture();
-    assert!(share_differing(&ours, &never, 12) > 0.001, "the plugin made no difference");
-    stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+    assert!(
+        share_differing(&ours, &never, 12) > 0.001,
+        "the plugin made no difference"
+    );
+    stage
+        .world()
+        .entity_mut(sun)
+        .remove::<ParallelSplitShadows>();
     assert_identical("removed", &stage.picture(), &never);
 
     stage.world().entity_mut(sun).insert(shadows());
@@ -47,12 +51,37 @@ fn every_change_takes_effect_in_its_frame() {
     let sun = stage.sun();
     let changes = [
         shadows(),
-        ParallelSplitShadows { cascades: 1, ..shadows() },
-        ParallelSplitShadows { cascades: 3, map_size: MapSize::List(vec![1000, 500, 77]), ..shadows() },
-        ParallelSplitShadows { map_size: MapSize::Halving(2048), far: 90.0, ..shadows() },
-        ParallelSplitShadows { fit: CascadeFit::Tight, splits: SplitScheme::Uniform, ..shadows() },
-        ParallelSplitShadows { splits: SplitScheme::Geometric { gamma: 4.0, bias: 150.0 }, ..shadows() },
-        ParallelSplitShadows { blend: 0.0, fade: 0.0, ..shadows() },
+        ParallelSplitShadows {
+            cascades: 1,
+            ..shadows()
+        },
+        ParallelSplitShadows {
+            cascades: 3,
+            map_size: MapSize::List(vec![1000, 500, 77]),
+            ..shadows()
+        },
+        ParallelSplitShadows {
+            map_size: MapSize::Halving(2048),
+            far: 90.0,
+            ..shadows()
+        },
+        ParallelSplitShadows {
+            fit: CascadeFit::Tight,
+            splits: SplitScheme::Uniform,
+            ..shadows()
+        },
+        ParallelSplitShadows {
+            splits: SplitScheme::Geometric {
+                gamma: 4.0,
+                bias: 150.0,
+            },
+            ..shadows()
+        },
+        ParallelSplitShadows {
+            blend: 0.0,
+            fade: 0.0,
+            ..shadows()
+        },
     ];
     // Reached by changes, and from the start: the same.
     let reached: Vec<_> = changes
@@ -139,14 +168,20 @@ fn late_cameras_do_not_panic() {
 fn occlusion_culling_loses_no_casters() {
     let mut stage = Stage::new();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert((DepthPrepass, OcclusionCulling));
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert((DepthPrepass, OcclusionCulling));
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
     let without = stage.picture();
     stage.world().entity_mut(sun).insert(OcclusionCulling);
     assert_identical("occlusion_culling", &stage.picture(), &without);
     // Bevy's light with occlusion culling becomes ours.
-    stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+    stage
+        .world()
+        .entity_mut(sun)
+        .remove::<ParallelSplitShadows>();
     stage.picture();
     stage.world().entity_mut(sun).insert(shadows());
     assert_identical("occlusion_culling_taken_over", &stage.picture(), &without);
@@ -170,7 +205,12 @@ fn without_depth_clip_control() {
     let mut stage = Stage::with_app(gpu(), |_| {});
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
-    assert_same_shadows("no_depth_clip_control", &stage.picture(), &with, &unshadowed);
+    assert_same_shadows(
+        "no_depth_clip_control",
+        &stage.picture(),
+        &with,
+        &unshadowed,
+    );
 }
 
 #[test]
@@ -184,7 +224,10 @@ fn nothing_is_logged_that_bevy_would_not() {
         }
         stage.picture();
         if ours {
-            stage.world().entity_mut(sun).remove::<ParallelSplitShadows>();
+            stage
+                .world()
+                .entity_mut(sun)
+                .remove::<ParallelSplitShadows>();
             stage.picture();
         }
         take_warnings()
@@ -199,9 +242,14 @@ fn a_bad_value_is_reported_once_and_changes_nothing() {
     stage.world().entity_mut(sun).insert(shadows());
     let good = stage.picture();
     take_warnings();
-    stage.world().entity_mut(sun).insert(ParallelSplitShadows { far: -3.0, ..shadows() });
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        far: -3.0,
+        ..shadows()
+    });
     assert_identical("bad_value", &stage.picture(), &good);
-    let reported: Vec<String> =
-        take_warnings().into_iter().filter(|line| line.contains("`far` is -3")).collect();
+    let reported: Vec<String> = take_warnings()
+        .into_iter()
+        .filter(|line| line.contains("`far` is -3"))
+        .collect();
     assert_eq!(reported.len(), 1, "{reported:?}");
 }

@@ -16,7 +16,10 @@ fn drawn(stage: &mut Stage) -> Vec<(usize, f64)> {
     (0..8)
         .filter_map(|map| {
             let path = format!("render/{SHADOW_PASS_SPAN}_{map}/vertex_shader_invocations");
-            Some((map, store.get_measurement(&DiagnosticPath::new(path))?.value))
+            Some((
+                map,
+                store.get_measurement(&DiagnosticPath::new(path))?.value,
+            ))
         })
         .collect()
 }
@@ -33,8 +36,14 @@ fn each_map_has_its_span() {
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
     let drawn = drawn(&mut stage);
-    assert_eq!(drawn.iter().map(|(map, _)| *map).collect::<Vec<_>>(), [0, 1, 2, 3]);
-    assert!(drawn.iter().all(|(_, invocations)| *invocations > 0.0), "{drawn:?}");
+    assert_eq!(
+        drawn.iter().map(|(map, _)| *map).collect::<Vec<_>>(),
+        [0, 1, 2, 3]
+    );
+    assert!(
+        drawn.iter().all(|(_, invocations)| *invocations > 0.0),
+        "{drawn:?}"
+    );
 }
 
 #[test]

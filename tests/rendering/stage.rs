@@ -62,12 +62,18 @@ impl Stage {
         let headless = Headless::with_gpu(SIZE, gpu, |app| {
             app.add_plugins(PssmPlugin)
                 .insert_resource(DirectionalLightShadowMap { size: 1024 })
-                .insert_resource(GlobalAmbientLight { brightness: 200.0, ..default() })
+                .insert_resource(GlobalAmbientLight {
+                    brightness: 200.0,
+                    ..default()
+                })
                 .insert_resource(ClearColor(Color::srgb(0.5, 0.7, 0.9)))
                 .add_systems(Startup, spawn_scene);
             setup(app);
         });
-        let mut stage = Self { headless, _turn: turn };
+        let mut stage = Self {
+            headless,
+            _turn: turn,
+        };
         stage.headless.step();
         stage
     }
@@ -132,7 +138,11 @@ impl Stage {
             })
             .collect();
         let mask = Image::new(
-            Extent3d { width: 8, height: 8, depth_or_array_layers: 1 },
+            Extent3d {
+                width: 8,
+                height: 8,
+                depth_or_array_layers: 1,
+            },
             TextureDimension::D2,
             texels,
             TextureFormat::Rgba8UnormSrgb,
@@ -163,7 +173,11 @@ struct Ground;
 /// The usual sun: low, from the left behind.
 pub fn sun() -> impl Bundle {
     (
-        DirectionalLight { illuminance: 2000.0, shadow_maps_enabled: true, ..default() },
+        DirectionalLight {
+            illuminance: 2000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
         Transform::from_xyz(-4.0, 5.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
         stock_cascades(),
     )
