@@ -7,4 +7,6 @@ mod compare;
 mod drop_in;
 mod life_cycle;
 mod maps;
+mod shader_module;
+mod stability;
 mod stage;

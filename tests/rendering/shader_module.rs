@@ -1,0 +1,93 @@
+//! The shader module compiles under every combination of the flags that reach it.
+
+use bevy::{
+    asset::AssetId,
+    prelude::*,
+    render::{
+        render_resource::{ShaderModuleDescriptor, ShaderSource},
+        renderer::RenderDevice,
+    },
+    shader::{Shader, ShaderCache, ShaderCacheError, ShaderCacheSource, ShaderDefVal, ValidateShader},
+};
+
+use crate::stage::Stage;
+
+/// Calls everything that Bevy and users import from the module.
+const ENTRY: &str = "
+import bevy_pbr::render::shadows::{
+    cascade_debug_visualization, fetch_directional_shadow, fetch_point_shadow, fetch_spot_shadow,
+    get_cascade_index, sample_directional_cascade, world_to_directional_light_local,
+};
+
+@fragment
+fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let normal = vec3(0.0, 1.0, 0.0);
+    let index = get_cascade_index(0u, position.z);
+    let local = world_to_directional_light_local(0u, index, position);
+    let shadow = fetch_point_shadow(0u, position, normal, position.xy)
+        + fetch_spot_shadow(0u, position, normal, 0.1, position.xy)
+        + fetch_directional_shadow(0u, position, normal, position.z, position.xy)
+        + sample_directional_cascade(0u, index, position, normal, position.xy);
+    return vec4(cascade_debug_visualization(local.xyz, 0u, position.z), shadow);
+}
+";
+
+fn load(
+    device: &RenderDevice,
+    source: ShaderCacheSource,
+    _: &ValidateShader,
+) -> Result<String, ShaderCacheError> {
+    let ShaderCacheSource::Wgsl(text) = source else {
+        return Err(ShaderCacheError::CreateShaderModule("not WGSL".into()));
+    };
+    let scope = device.wgpu_device().push_error_scope(wgpu::ErrorFilter::Validation);
+    device.create_and_validate_shader_module(ShaderModuleDescriptor {
+        label: None,
+        source: ShaderSource::Wgsl(text.clone().into()),
+    });
+    match bevy::tasks::block_on(scope.pop()) {
+        Some(error) => Err(ShaderCacheError::CreateShaderModule(error.to_string())),
+        None => Ok(text),
+    }
+}
+
+#[test]
+fn every_flag_combination_compiles() {
+    let mut stage = Stage::new();
+    stage.sun();
+    stage.picture();
+    let device = stage.world().resource::<RenderDevice>().clone();
+    let mut cache = ShaderCache::new(device, load);
+    for (id, shader) in stage.world().resource::<Assets<Shader>>().iter() {
+        cache.set_shader(id, shader.clone());
+    }
+    let entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(1));
+    cache.set_shader(entry, Shader::from_wesl(ENTRY, "embedded://tests/entry.wesl"));
+
+    let filters = [
+        None,
+        Some("SHADOW_FILTER_METHOD_HARDWARE_2X2"),
+        Some("SHADOW_FILTER_METHOD_GAUSSIAN"),
+        Some("SHADOW_FILTER_METHOD_TEMPORAL"),
+    ];
+    let switches = [
+        "PCSS_SAMPLERS_AVAILABLE",
+        "NO_CUBE_ARRAY_TEXTURES_SUPPORT",
+        "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
+    ];
+    let mut compiled = 0;
+    for filter in filters {
+        for set in 0..1 << switches.len() {
+            let mut defs: Vec<ShaderDefVal> = filter.into_iter().map(ShaderDefVal::from).collect();
+            for (bit, name) in switches.iter().enumerate() {
+                defs.push(ShaderDefVal::Bool((*name).into(), set & (1 << bit) != 0));
+            }
+            let text = cache
+                .get(compiled, entry, &defs)
+                .unwrap_or_else(|error| panic!("{defs:?}: {error}"));
+            assert!(text.contains("fetch_split_shadow"), "the module was not replaced");
+            compiled += 1;
+        }
+    }
+    assert_eq!(compiled, 32);
+}
