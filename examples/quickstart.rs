@@ -19,9 +19,15 @@ fn setup(
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     commands.spawn((
-        DirectionalLight { illuminance: 9000.0, ..default() },
+        DirectionalLight {
+            illuminance: 9000.0,
+            ..default()
+        },
         Transform::from_xyz(-3.0, 3.0, 2.0).looking_at(Vec3::ZERO, Vec3::Y),
-        ParallelSplitShadows { far: 800.0, ..default() },
+        ParallelSplitShadows {
+            far: 800.0,
+            ..default()
+        },
     ));
     commands.spawn((
         Camera3d::default(),

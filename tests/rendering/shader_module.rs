@@ -7,7 +7,9 @@ use bevy::{
         render_resource::{ShaderModuleDescriptor, ShaderSource},
         renderer::RenderDevice,
     },
-    shader::{Shader, ShaderCache, ShaderCacheError, ShaderCacheSource, ShaderDefVal, ValidateShader},
+    shader::{
+        Shader, ShaderCache, ShaderCacheError, ShaderCacheSource, ShaderDefVal, ValidateShader,
+    },
 };
 
 use crate::stage::Stage;
@@ -40,7 +42,9 @@ fn load(
     let ShaderCacheSource::Wgsl(text) = source else {
         return Err(ShaderCacheError::CreateShaderModule("not WGSL".into()));
     };
-    let scope = device.wgpu_device().push_error_scope(wgpu::ErrorFilter::Validation);
+    let scope = device
+        .wgpu_device()
+        .push_error_scope(wgpu::ErrorFilter::Validation);
     device.create_and_validate_shader_module(ShaderModuleDescriptor {
         label: None,
         source: ShaderSource::Wgsl(text.clone().into()),
@@ -62,7 +66,10 @@ fn every_flag_combination_compiles() {
         cache.set_shader(id, shader.clone());
     }
     let entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(1));
-    cache.set_shader(entry, Shader::from_wesl(ENTRY, "embedded://tests/entry.wesl"));
+    cache.set_shader(
+        entry,
+        Shader::from_wesl(ENTRY, "embedded://tests/entry.wesl"),
+    );
 
     let filters = [
         None,
@@ -85,7 +92,10 @@ fn every_flag_combination_compiles() {
             let text = cache
                 .get(compiled, entry, &defs)
                 .unwrap_or_else(|error| panic!("{defs:?}: {error}"));
-            assert!(text.contains("fetch_split_shadow"), "the module was not replaced");
+            assert!(
+                text.contains("fetch_split_shadow"),
+                "the module was not replaced"
+            );
             compiled += 1;
         }
     }

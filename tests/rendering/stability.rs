@@ -13,90 +13,74 @@ use crate::{
 const STEPS: usize = 24;
 /// Turn per step (radians): about a pixel.
 const TURN: f32 = 0.003;
-
-/// How far a followed point is from every edge (pixels).
+/// Half the side of the square of pixels that must be smooth around a followed point.
 const MARGIN: i32 = 2;
+/// Brightness between lit and dark ground is some 90 levels: this much is a flip.
+const FLIP: u8 = 40;
 
 /// How ground points fared under a pan.
 #[derive(Default, Debug)]
 struct Flips {
     /// Points followed over the whole pan.
     followed: usize,
-    /// Points that went from clearly lit to clearly dark or back.
+    /// Points that went from lit to dark or back.
     flipped: usize,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Side {
-    Lit,
-    Dark,
-    Between,
-}
-
-impl Side {
-    fn is_opposite_of(self, other: Self) -> bool {
-        matches!((self, other), (Self::Lit, Self::Dark) | (Self::Dark, Self::Lit))
-    }
-}
-
 /// Where ground point `point` is in the picture (pixels).
-fn pixel_of(camera: &Transform, point: Vec3) -> Option<[f32; 2]> {
+fn pixel_of(camera: &Transform, point: Vec3) -> Option<[i32; 2]> {
     let local = camera.to_matrix().inverse().transform_point3(point);
     let focal = 0.5 * SIZE.y as f32 / core::f32::consts::FRAC_PI_8.tan();
     let x = 0.5 * SIZE.x as f32 + focal * local.x / -local.z;
     let y = 0.5 * SIZE.y as f32 - focal * local.y / -local.z;
-    (local.z < 0.0).then_some([x, y])
+    (local.z < 0.0).then_some([x.floor() as i32, y.floor() as i32])
 }
 
-/// Lit ground is brighter than 125, dark ground below 85.
-fn side(picture: &RgbaImage, [x, y]: [f32; 2]) -> Option<Side> {
-    if x < 0.0 || y < 0.0 || x >= SIZE.x as f32 || y >= SIZE.y as f32 {
-        return None;
-    }
-    Some(match picture.get_pixel(x as u32, y as u32)[0] {
-        126.. => Side::Lit,
-        0..85 => Side::Dark,
-        _ => Side::Between,
-    })
+/// `None` outside the picture and where something else is in front: no ground is so bright.
+fn brightness(picture: &RgbaImage, [x, y]: [i32; 2]) -> Option<u8> {
+    let inside = x >= 0 && y >= 0 && x < SIZE.x as i32 && y < SIZE.y as i32;
+    inside
+        .then(|| picture.get_pixel(x as u32, y as u32)[0])
+        .filter(|value| *value < 175)
 }
 
 /// Follows ground points through the pictures of a pan.
 ///
-/// Edges move over the pixel grid, so that pixels on them change their coverage; that is not
-/// crawling. The two are told apart by distance: a followed point is at least [`MARGIN`] pixels
-/// from every edge in the first picture. If edges rest in the world, it keeps its side.
+/// Sharp edges, of objects and of shadows, move over the pixel grid, so that pixels on them
+/// change their coverage; that is not crawling. The two are told apart by looking only at
+/// points whose surroundings are smooth in the first picture, soft shadow edges among them: if
+/// shadows rest in the world, the brightness there changes by a pixel's worth of slope at most.
 fn follow(pictures: &[(Transform, RgbaImage)]) -> Flips {
     let mut flips = Flips::default();
     for i in 0..200 {
         for j in 0..200 {
             let point = Vec3::new(-9.0 + 0.1 * i as f32, 0.0, 6.0 - 0.15 * j as f32);
-            let sides: Option<Vec<Side>> = pictures
+            let seen: Option<Vec<u8>> = pictures
                 .iter()
-                .map(|(camera, picture)| side(picture, pixel_of(camera, point)?))
+                .map(|(camera, picture)| brightness(picture, pixel_of(camera, point)?))
                 .collect();
-            let (Some(sides), (camera, first)) = (sides, &pictures[0]) else {
+            let (Some(seen), (camera, first)) = (seen, &pictures[0]) else {
                 continue;
             };
-            if !is_inside(first, camera, point, sides[0]) {
-                continue;
+            if pixel_of(camera, point).is_some_and(|pixel| is_smooth(first, pixel)) {
+                flips.followed += 1;
+                flips.flipped += usize::from(seen.iter().any(|v| v.abs_diff(seen[0]) > FLIP));
             }
-            flips.followed += 1;
-            flips.flipped += usize::from(sides.iter().any(|side| side.is_opposite_of(sides[0])));
         }
     }
     flips
 }
 
-/// Whether all pixels around the point's, up to [`MARGIN`], are on its side.
-fn is_inside(picture: &RgbaImage, camera: &Transform, point: Vec3, of: Side) -> bool {
-    let Some([x, y]) = pixel_of(camera, point) else {
-        return false;
-    };
-    let around = -MARGIN..=MARGIN;
-    around.clone().all(|dx| {
-        around.clone().all(|dy| {
-            side(picture, [x + dx as f32, y + dy as f32]) == Some(of)
-        })
+/// Whether the brightness around a pixel varies by clearly less than a flip.
+fn is_smooth(picture: &RgbaImage, [x, y]: [i32; 2]) -> bool {
+    let around =
+        (-MARGIN..=MARGIN).flat_map(|dx| (-MARGIN..=MARGIN).map(move |dy| [x + dx, y + dy]));
+    let seen: Option<Vec<u8>> = around.map(|pixel| brightness(picture, pixel)).collect();
+    seen.is_some_and(|seen| {
+        let (least, most) = seen
+            .iter()
+            .fold((255, 0), |(l, m), v| (*v.min(&l), *v.max(&m)));
+        most - least < FLIP - 10
     })
 }
 
@@ -104,7 +88,10 @@ fn is_inside(picture: &RgbaImage, camera: &Transform, point: Vec3, of: Side) -> 
 fn a_slow_pan_flips_nothing() {
     let mut stage = Stage::new();
     let camera = stage.camera();
-    stage.world().entity_mut(camera).insert(ShadowFilteringMethod::Hardware2x2);
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert(ShadowFilteringMethod::Hardware2x2);
     let sun = stage.sun();
     let mut pan = |fit| -> Flips {
         // Coarse maps: a texel is several pixels wide, so that crawling is plain to see.
@@ -126,7 +113,11 @@ fn a_slow_pan_flips_nothing() {
                 (view, stage.picture())
             })
             .collect();
-        save(&format!("pan_{fit:?}"), &pictures[0].1, &pictures[STEPS - 1].1);
+        save(
+            &format!("pan_{fit:?}"),
+            &pictures[0].1,
+            &pictures[STEPS - 1].1,
+        );
         follow(&pictures)
     };
     let stable = pan(CascadeFit::Stable);
@@ -134,5 +125,5 @@ fn a_slow_pan_flips_nothing() {
     assert_eq!(stable.flipped, 0, "{stable:?}");
     // The test can see crawling: the other fit does crawl.
     let tight = pan(CascadeFit::Tight);
-    assert!(tight.flipped > 100, "{tight:?}");
+    assert!(tight.flipped > 5, "{tight:?}");
 }
