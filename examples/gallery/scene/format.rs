@@ -1,0 +1,257 @@
+//! The form of `*.scene.ron`.
+
+use bevy::{
+    asset::{AssetLoader, LoadContext, io::Reader},
+    prelude::*,
+    reflect::TypePath,
+};
+use serde::Deserialize;
+
+/// A scene: where to look from, what light falls, and what stands where.
+#[derive(Asset, TypePath, Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct SceneDescription {
+    /// Name for people.
+    pub title: String,
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// Asset path of the shadow preset.
+    pub shadows: String,
+    /// Lens and path.
+    pub camera: CameraPath,
+    /// The directional light.
+    pub sun: SunDescription,
+    /// Colours of the sky, overhead and at the horizon (sRGB).
+    pub sky: [[f32; 3]; 2],
+    /// Distance at which haze has swallowed most contrast (metres).
+    pub visibility: f32,
+    /// Brightness of the ambient light (cd/m²).
+    pub ambient: f32,
+    /// What everything stands on.
+    pub ground: GroundDescription,
+    /// What stands on it.
+    pub groups: Vec<Group>,
+}
+
+/// The camera's lens and the closed path it flies along.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct CameraPath {
+    /// Distance of the near plane (metres).
+    pub near: f32,
+    /// Distance of the far plane (metres).
+    pub far: f32,
+    /// Vertical field of view (degrees).
+    pub fov_degrees: f32,
+    /// Time for one round (seconds).
+    pub seconds: f32,
+    /// Stations of the path.
+    pub poses: Vec<Pose>,
+}
+
+/// A station of a camera path. Heights are above the ground there (metres).
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct Pose {
+    /// Name, for pictures' labels.
+    pub name: String,
+    /// Where the camera is.
+    pub eye: [f32; 3],
+    /// What it looks at.
+    pub target: [f32; 3],
+}
+
+/// A sun.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct SunDescription {
+    /// Where it stands, clockwise from −z seen from above (degrees).
+    pub azimuth: f32,
+    /// Its height over the horizon (degrees).
+    pub elevation: f32,
+    /// Its light (lux).
+    pub illuminance: f32,
+    /// Its colour (sRGB).
+    pub color: [f32; 3],
+    /// How fast its azimuth grows when it moves.
+    pub degrees_per_second: f32,
+}
+
+/// The ground: a square grid.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct GroundDescription {
+    /// Its relief.
+    pub kind: GroundKind,
+    /// Length of its sides (metres).
+    pub size: f32,
+    /// Cells per side, two triangles each.
+    pub cells: u32,
+    /// Main and second colour (sRGB).
+    pub colors: [[f32; 3]; 2],
+}
+
+/// Reliefs.
+#[derive(Deserialize, Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GroundKind {
+    /// Gentle swells.
+    Plain,
+    /// Flat, in eight by eight fields within a frame.
+    Board,
+    /// Dunes.
+    Desert,
+    /// Ridges around a terraced open pit.
+    Pit,
+}
+
+/// Objects of one kind.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct Group {
+    /// What they are.
+    pub model: ModelKind,
+    /// Segments of their round parts, as a factor.
+    pub detail: f32,
+    /// Height, least and greatest (metres).
+    pub height: [f32; 2],
+    /// Where they stand.
+    pub layout: Layout,
+    /// Main and second colour (sRGB).
+    pub colors: [[f32; 3]; 2],
+    /// How they move.
+    #[serde(default)]
+    pub motion: Motion,
+}
+
+/// What can be built.
+#[derive(Deserialize, Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelKind {
+    Robot,
+    Pawn,
+    Rook,
+    Horse,
+    Bishop,
+    Queen,
+    King,
+    Dwarf,
+    Knight,
+    Tree,
+    Cactus,
+    ClawBot,
+    Windmill,
+    Rock,
+}
+
+/// Where a group's objects stand.
+#[derive(Deserialize, Debug, Clone)]
+pub enum Layout {
+    /// Rows and columns around a centre.
+    Ranks {
+        /// Middle of the ranks (x, z).
+        centre: [f32; 2],
+        /// Objects side by side, and ranks behind each other.
+        count: [u32; 2],
+        /// Distance between neighbours along both (metres).
+        spacing: [f32; 2],
+        /// Where they look, clockwise from −z (degrees).
+        facing: f32,
+    },
+    /// At random in a ring, no two closer than a distance.
+    Scatter {
+        /// How many.
+        count: u32,
+        /// Middle of the ring (x, z).
+        centre: [f32; 2],
+        /// Inner and outer radius (metres).
+        radius: [f32; 2],
+        /// Least distance between two (metres).
+        apart: f32,
+    },
+    /// Where listed: x, z and facing (degrees).
+    Places(Vec<[f32; 3]>),
+}
+
+/// How objects move.
+#[derive(Component, Deserialize, Debug, Clone, Copy, Default, PartialEq)]
+pub enum Motion {
+    /// Not at all.
+    #[default]
+    Still,
+    /// Round a circle, with a walker's bob.
+    Walk {
+        /// Radius of the circle (metres).
+        radius: f32,
+        /// Speed (metres per second).
+        speed: f32,
+    },
+}
+
+impl CameraPath {
+    /// The camera's place after a time, on a smooth closed curve through the poses. `ground`
+    /// gives the height of the ground at (x, z).
+    pub fn sample(&self, seconds: f32, ground: impl Fn(f32, f32) -> f32) -> Transform {
+        let count = self.poses.len();
+        if count == 0 {
+            return Transform::IDENTITY;
+        }
+        let along = (seconds / self.seconds).rem_euclid(1.0) * count as f32;
+        let index = along as usize % count;
+        let pose = |offset: usize| &self.poses[(index + count + offset - 1) % count];
+        let on_curve = |of: &dyn Fn(&Pose) -> Vec3| {
+            let [a, b, c, d] = [of(pose(0)), of(pose(1)), of(pose(2)), of(pose(3))];
+            let t = along.fract();
+            // Catmull–Rom.
+            0.5 * (2.0 * b
+                + (c - a) * t
+                + (2.0 * a - 5.0 * b + 4.0 * c - d) * t * t
+                + (3.0 * (b - c) + d - a) * t * t * t)
+        };
+        let place = |p: [f32; 3]| Vec3::new(p[0], p[1] + ground(p[0], p[2]), p[2]);
+        let mut eye = on_curve(&|pose| place(pose.eye));
+        let target = on_curve(&|pose| place(pose.target));
+        eye.y = eye.y.max(ground(eye.x, eye.z) + 1.5);
+        Transform::from_translation(eye).looking_at(target, Vec3::Y)
+    }
+
+    /// The camera at one of its poses.
+    pub fn pose(&self, index: usize, ground: impl Fn(f32, f32) -> f32) -> Transform {
+        self.sample(self.seconds * index as f32 / self.poses.len().max(1) as f32, ground)
+    }
+}
+
+/// Why a scene could not be loaded.
+#[derive(thiserror::Error, Debug)]
+pub enum SceneError {
+    /// The file could not be read.
+    #[error("could not read the scene: {0}")]
+    Io(#[from] std::io::Error),
+    /// The file does not describe a scene.
+    #[error("{0}: {1}")]
+    Parse(String, ron::error::SpannedError),
+}
+
+/// Loads `*.scene.ron`.
+#[derive(TypePath, Default)]
+pub struct SceneLoader;
+
+impl AssetLoader for SceneLoader {
+    type Asset = SceneDescription;
+    type Settings = ();
+    type Error = SceneError;
+
+    async fn load(
+        &self,
+        reader: &mut dyn Reader,
+        _: &(),
+        context: &mut LoadContext<'_>,
+    ) -> Result<SceneDescription, SceneError> {
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        ron::de::from_bytes(&bytes)
+            .map_err(|error| SceneError::Parse(context.path().to_string(), error))
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &["scene.ron"]
+    }
+}
