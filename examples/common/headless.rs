@@ -9,18 +9,7 @@ use bevy::{
     asset::RenderAssetUsages,
     camera::RenderTarget,
     image::Image as BevyImage,
-    log::{
-        LogPlugin,
-        tracing::{
-            Event, Level, Subscriber,
-            field::{Field, Visit},
-        },
-        tracing_subscriber::{
-            Layer, Registry,
-            layer::{Context, SubscriberExt},
-            util::SubscriberInitExt,
-        },
-    },
+    log::LogPlugin,
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
@@ -60,7 +49,7 @@ impl Headless {
 
     /// As [`Headless::new`], with the GPU's features or limits restricted.
     pub fn with_gpu(size: UVec2, gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
-        capture_log();
+        crate::warnings::capture();
         let mut app = App::new();
         app.add_plugins(
             DefaultPlugins
@@ -173,49 +162,5 @@ impl Headless {
             }
         }
         panic!("no picture arrived");
-    }
-}
-
-/// Log lines of level WARN and above since the last call.
-pub fn take_warnings() -> Vec<String> {
-    WARNINGS
-        .lock()
-        .map(|mut lines| core::mem::take(&mut *lines))
-        .unwrap_or_default()
-}
-
-static WARNINGS: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
-fn capture_log() {
-    // Only the first app of a process can install it.
-    let _ = Registry::default().with(CaptureWarnings).try_init();
-}
-
-struct CaptureWarnings;
-
-impl<S: Subscriber> Layer<S> for CaptureWarnings {
-    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        if *event.metadata().level() > Level::WARN {
-            return;
-        }
-        let mut line = Line(format!(
-            "{} {}:",
-            event.metadata().level(),
-            event.metadata().target()
-        ));
-        event.record(&mut line);
-        if let Ok(mut lines) = WARNINGS.lock() {
-            lines.push(line.0);
-        }
-    }
-}
-
-struct Line(String);
-
-impl Visit for Line {
-    fn record_debug(&mut self, field: &Field, value: &dyn core::fmt::Debug) {
-        if field.name() == "message" {
-            self.0 += &format!(" {value:?}");
-        }
     }
 }

@@ -8,21 +8,15 @@ use std::{
 };
 
 use bevy::{
-    camera::visibility::CascadesVisibleEntities,
-    core_pipeline::tonemapping::Tonemapping,
-    diagnostic::DiagnosticsStore,
-    light::DirectionalLightShadowMap,
-    platform::time::Instant,
-    prelude::*,
+    camera::visibility::CascadesVisibleEntities, core_pipeline::tonemapping::Tonemapping,
+    diagnostic::DiagnosticsStore, platform::time::Instant, prelude::*,
 };
 use bevy_pssm::prelude::*;
 use image::RgbaImage;
 
 use crate::{
-    headless::Headless,
     measure::{Counts, MeasurePlugin, counts},
-    scene::{Ground, SceneDescription, SceneStats, SceneSun, ScenesPlugin},
-    set::{CurrentScene, SceneCamera, set_up},
+    scene_stage::SceneStage,
 };
 
 const SIZE: UVec2 = UVec2::new(800, 600);
@@ -51,7 +45,13 @@ pub fn run(scenes: &[&str]) -> Result<(), BevyError> {
     writeln!(
         table,
         "{:<16} {:<9} {:>30} {:>8} {:>12} {:>12} {:>9}",
-        "scene", "shadows", "casters in cascades 1 2 3 4", "total", "vertices", "primitives", "Mtexels"
+        "scene",
+        "shadows",
+        "casters in cascades 1 2 3 4",
+        "total",
+        "vertices",
+        "primitives",
+        "Mtexels"
     )?;
     for name in scenes {
         say(&format!("{name}: loading\n"))?;
@@ -66,17 +66,38 @@ pub fn run(scenes: &[&str]) -> Result<(), BevyError> {
 }
 
 fn show_scene(name: &str, table: &mut String) -> Result<(), BevyError> {
-    let mut stage = Stage::new(name);
-    let scene = stage.scene();
-    let stats = *stage.headless.app.world().resource::<SceneStats>();
+    let mut stage = SceneStage::new(
+        name,
+        SIZE,
+        |app| {
+            app.add_plugins(MeasurePlugin);
+        },
+        (Tonemapping::TonyMcMapface, Msaa::Off),
+    );
+    let label = spawn_label(&mut stage);
+    let stats = stage.stats();
     say(&format!(
         "{name}: {} objects, {} triangles\n",
         stats.objects, stats.triangles
     ))?;
     let mut sums = [Sum::default(), Sum::default()];
-    for (index, pose) in scene.camera.poses.iter().enumerate() {
-        stage.stand_at(&scene, index);
-        let shots = [true, false].map(|ours| stage.shoot(&scene, &pose.name, ours));
+    for (index, pose) in stage.description.camera.poses.clone().iter().enumerate() {
+        stage.stand_at_pose(index);
+        let shots = [true, false].map(|ours| {
+            let side = if ours {
+                "bevy_pssm"
+            } else {
+                "Bevy's built-in shadows"
+            };
+            let text = format!(
+                "{}: {}\n{side}, 4 maps of {MAP_SIZE}²",
+                stage.description.title, pose.name
+            );
+            if let Some(mut label) = stage.world().get_mut::<Text>(label) {
+                label.0 = text;
+            }
+            shoot(&mut stage, ours)
+        });
         for (sum, shot) in sums.iter_mut().zip(&shots) {
             sum.add(shot);
         }
@@ -109,7 +130,8 @@ struct Sum {
 
 impl Sum {
     fn add(&mut self, shot: &Shot) {
-        self.casters.resize(self.casters.len().max(shot.casters.len()), 0);
+        self.casters
+            .resize(self.casters.len().max(shot.casters.len()), 0);
         for (sum, casters) in self.casters.iter_mut().zip(&shot.casters) {
             *sum += casters;
         }
@@ -119,112 +141,56 @@ impl Sum {
     }
 }
 
-/// A scene in an app of its own.
-struct Stage {
-    headless: Headless,
-    label: Entity,
+fn spawn_label(stage: &mut SceneStage) -> Entity {
+    let camera = stage.camera;
+    let label = (
+        Text::default(),
+        TextFont::from_font_size(20.0),
+        Node {
+            position_type: PositionType::Absolute,
+            left: px(10.0),
+            top: px(8.0),
+            padding: UiRect::all(px(6.0)),
+            ..default()
+        },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
+        UiTargetCamera(camera),
+    );
+    stage.world().spawn(label).id()
 }
 
-impl Stage {
-    fn new(name: &str) -> Self {
-        let mut headless = Headless::new(SIZE, |app| {
-            app.add_plugins((PssmPlugin, ScenesPlugin, MeasurePlugin))
-                .insert_resource(DirectionalLightShadowMap { size: MAP_SIZE })
-                .init_resource::<CurrentScene>()
-                .add_systems(Update, set_up);
+fn shoot(stage: &mut SceneStage, ours: bool) -> Shot {
+    stage.use_plugin(ours, MAP_SIZE);
+    stage.headless.settle();
+    let since = Instant::now();
+    let picture = stage.headless.picture();
+    // Measurements arrive a frame or two late.
+    stage.headless.step();
+    stage.headless.step();
+
+    let sun = stage.sun;
+    let world = stage.world();
+    let counts = counts(world.resource::<DiagnosticsStore>(), ours, since);
+    let casters: Vec<usize> = world
+        .get::<CascadesVisibleEntities>(sun)
+        .into_iter()
+        .flat_map(|lists| lists.entities.values().flatten())
+        .map(|list| list.entities.len())
+        .collect();
+    let map_size = world
+        .get::<ParallelSplitShadows>(sun)
+        .filter(|_| ours)
+        .map_or(MapSize::Same(MAP_SIZE as u32), |shadows| {
+            shadows.map_size.clone()
         });
-        let target = headless.render_target();
-        let world = headless.app.world_mut();
-        let camera = world
-            .spawn((Camera3d::default(), SceneCamera, target, Tonemapping::TonyMcMapface))
-            .id();
-        let label = world
-            .spawn((
-                Text::default(),
-                TextFont::from_font_size(20.0),
-                Node {
-                    position_type: PositionType::Absolute,
-                    left: px(10.0),
-                    top: px(8.0),
-                    padding: UiRect::all(px(6.0)),
-                    ..default()
-                },
-                BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
-                UiTargetCamera(camera),
-            ))
-            .id();
-        world.resource_scope(|world, mut current: Mut<CurrentScene>| {
-            current.load(name, world.resource::<AssetServer>());
-        });
-        let mut stage = Self { headless, label };
-        let configured = |stage: &mut Self| {
-            let world = stage.headless.app.world_mut();
-            let mut suns = world.query_filtered::<(), (With<SceneSun>, With<ParallelSplitShadows>)>();
-            suns.iter(world).next().is_some()
-        };
-        while !configured(&mut stage) {
-            stage.headless.step();
-        }
-        stage
-    }
-
-    fn scene(&self) -> SceneDescription {
-        let world = self.headless.app.world();
-        let current = &world.resource::<CurrentScene>().handle;
-        let scenes = world.resource::<Assets<SceneDescription>>();
-        scenes.get(current).cloned().expect("the scene was spawned from it")
-    }
-
-    fn stand_at(&mut self, scene: &SceneDescription, pose: usize) {
-        let world = self.headless.app.world_mut();
-        let ground = world.resource::<Ground>().clone();
-        let place = scene.camera.pose(pose, |x, z| ground.height(x, z));
-        let mut cameras = world.query_filtered::<&mut Transform, With<SceneCamera>>();
-        for mut transform in cameras.iter_mut(world) {
-            *transform = place;
-        }
-    }
-
-    fn shoot(&mut self, scene: &SceneDescription, pose: &str, ours: bool) -> Shot {
-        let side = if ours { "bevy_pssm" } else { "Bevy's built-in shadows" };
-        let text = format!("{}: {pose}\n{side}, 4 maps of {MAP_SIZE}²", scene.title);
-        let world = self.headless.app.world_mut();
-        if let Some(mut label) = world.get_mut::<Text>(self.label) {
-            label.0 = text;
-        }
-        let mut suns = world.query_filtered::<&mut ParallelSplitShadows, With<SceneSun>>();
-        for mut shadows in suns.iter_mut(world) {
-            shadows.enabled = ours;
-        }
-        self.headless.settle();
-        let since = Instant::now();
-        let picture = self.headless.picture();
-        self.headless.step();
-        self.headless.step();
-
-        let world = self.headless.app.world_mut();
-        let counts = counts(world.resource::<DiagnosticsStore>(), ours, since);
-        let mut suns =
-            world.query_filtered::<(&CascadesVisibleEntities, &ParallelSplitShadows), With<SceneSun>>();
-        let (casters, texels) = suns
-            .iter(world)
-            .next()
-            .map(|(lists, shadows)| {
-                let casters: Vec<usize> = lists
-                    .entities
-                    .values()
-                    .flat_map(|views| views.iter().map(|list| list.entities.len()))
-                    .collect();
-                let texels = (0..casters.len())
-                    .map(|cascade| match ours {
-                        true => u64::from(shadows.map_size.of_cascade(cascade)).pow(2),
-                        false => (MAP_SIZE as u64).pow(2),
-                    })
-                    .sum();
-                (casters, texels)
-            })
-            .unwrap_or_default();
-        Shot { picture, casters, counts, texels }
+    let texels = (0..casters.len())
+        .map(|cascade| u64::from(map_size.of_cascade(cascade)).pow(2))
+        .sum();
+    Shot {
+        picture,
+        casters,
+        counts,
+        texels,
     }
 }
 

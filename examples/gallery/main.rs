@@ -5,11 +5,15 @@
 
 #[path = "../common/headless.rs"]
 mod headless;
+#[path = "../scenes/mod.rs"]
+mod scene;
+#[path = "../common/scene_stage.rs"]
+mod scene_stage;
+#[path = "../common/warnings.rs"]
+mod warnings;
 
 mod demo;
 mod measure;
-mod scene;
-mod set;
 mod viewer;
 
 use std::process::ExitCode;
@@ -31,13 +35,19 @@ struct Arguments {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let scenes: Vec<&'static str> = match &arguments.scene {
-        None => set::SCENES.to_vec(),
-        Some(name) => set::SCENES.into_iter().filter(|scene| scene == name).collect(),
+        None => scene::SCENES.to_vec(),
+        Some(name) => scene::SCENES
+            .into_iter()
+            .filter(|scene| scene == name)
+            .collect(),
     };
     let Some(first) = scenes.first() else {
         #[expect(clippy::print_stderr, reason = "a message for who called")]
         {
-            eprintln!("There is no such scene. There are: {}", set::SCENES.join(", "));
+            eprintln!(
+                "There is no such scene. There are: {}",
+                scene::SCENES.join(", ")
+            );
         }
         return ExitCode::FAILURE;
     };

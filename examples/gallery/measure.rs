@@ -5,7 +5,8 @@ use bevy::{
     core_pipeline::schedule::{Core3d, Core3dSystems},
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     pbr::{
-        CORE_3D_SHADOW_MAP_FORMAT, LATE_SHADOW_PASS, Shadow, ViewLightEntities, per_view_shadow_pass,
+        CORE_3D_SHADOW_MAP_FORMAT, LATE_SHADOW_PASS, Shadow, ViewLightEntities,
+        per_view_shadow_pass,
     },
     platform::time::Instant,
     prelude::*,
@@ -62,7 +63,11 @@ fn draw_again(
         if scratch.as_ref().is_none_or(|(held, _)| *held != size) {
             let texture = device.create_texture(&TextureDescriptor {
                 label: Some("scratch_shadow_map"),
-                size: Extent3d { width: size, height: size, depth_or_array_layers: 1 },
+                size: Extent3d {
+                    width: size,
+                    height: size,
+                    depth_or_array_layers: 1,
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
@@ -81,7 +86,10 @@ fn draw_again(
             label: Some(STOCK_SPAN),
             depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
                 view: target,
-                depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
+                depth_ops: Some(Operations {
+                    load: LoadOp::Clear(0.0),
+                    store: StoreOp::Store,
+                }),
                 stencil_ops: None,
             }),
             ..default()

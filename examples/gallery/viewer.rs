@@ -8,9 +8,8 @@ use bevy::{
 };
 use bevy_pssm::prelude::*;
 
-use crate::{
-    scene::{Ground, MovingSun, SceneDescription, SceneSun, ScenesPlugin},
-    set::{CurrentScene, SCENES, SceneCamera, set_up},
+use crate::scene::{
+    CurrentScene, Ground, MovingSun, SCENES, SceneCamera, SceneDescription, SceneSun, ScenesPlugin,
 };
 
 /// How the viewer shows its scene.
@@ -29,16 +28,14 @@ struct Help;
 /// Runs the viewer until its window is closed.
 pub fn run(scene: &'static str) {
     App::new()
-        .add_plugins(
-            DefaultPlugins.set(WindowPlugin {
-                primary_window: Some(Window {
-                    title: "bevy_pssm".into(),
-                    resolution: (1280, 720).into(),
-                    ..default()
-                }),
+        .add_plugins(DefaultPlugins.set(WindowPlugin {
+            primary_window: Some(Window {
+                title: "bevy_pssm".into(),
+                resolution: (1280, 720).into(),
                 ..default()
             }),
-        )
+            ..default()
+        }))
         .add_plugins((FreeCameraPlugin, PssmPlugin, ScenesPlugin))
         .insert_resource(DirectionalLightShadowMap { size: 2048 })
         .insert_resource(Show {
@@ -47,9 +44,8 @@ pub fn run(scene: &'static str) {
             path: Some(0.0),
             filter: ShadowFilteringMethod::Gaussian,
         })
-        .init_resource::<CurrentScene>()
         .add_systems(Startup, open)
-        .add_systems(Update, (set_up, press_keys, turn_sun, fly_path, write_help).chain())
+        .add_systems(Update, (press_keys, turn_sun, fly_path, write_help).chain())
         .run();
 }
 
@@ -63,7 +59,11 @@ fn open(
     commands.spawn((
         Camera3d::default(),
         SceneCamera,
-        FreeCamera { walk_speed: 25.0, run_speed: 120.0, ..default() },
+        FreeCamera {
+            walk_speed: 25.0,
+            run_speed: 120.0,
+            ..default()
+        },
         Tonemapping::TonyMcMapface,
     ));
     commands.spawn((
@@ -92,7 +92,12 @@ fn press_keys(
     mut cameras: Query<&mut ShadowFilteringMethod>,
     mut exit: MessageWriter<AppExit>,
 ) {
-    let digits = [KeyCode::Digit1, KeyCode::Digit2, KeyCode::Digit3, KeyCode::Digit4];
+    let digits = [
+        KeyCode::Digit1,
+        KeyCode::Digit2,
+        KeyCode::Digit3,
+        KeyCode::Digit4,
+    ];
     for (key, scene) in digits.into_iter().zip(SCENES) {
         if keys.just_pressed(key) {
             show.scene = scene;
@@ -189,8 +194,15 @@ fn write_help(
     mut help: Query<&mut Text, With<Help>>,
 ) {
     let on = |value| if value { "on" } else { "off" };
-    let shadows = if show.ours { "bevy_pssm" } else { "Bevy's built-in" };
-    let fit = suns.iter().next().map_or(CascadeFit::Stable, |shadows| shadows.fit);
+    let shadows = if show.ours {
+        "bevy_pssm"
+    } else {
+        "Bevy's built-in"
+    };
+    let fit = suns
+        .iter()
+        .next()
+        .map_or(CascadeFit::Stable, |shadows| shadows.fit);
     let text = format!(
         "1-4  scene: {}\n\
          P  shadows: {shadows}\n\

@@ -67,6 +67,15 @@ fn forward_camera() {
 }
 
 #[test]
+fn multisampled_camera() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    stage.world().entity_mut(camera).insert(Msaa::Sample4);
+    let sun = stage.sun();
+    assert_right("multisampled", &mut stage, sun);
+}
+
+#[test]
 fn deferred_camera() {
     let mut stage = Stage::new();
     stage

@@ -12,8 +12,8 @@ use bevy_pssm::prelude::*;
 
 use crate::{
     compare::{assert_identical, assert_same_shadows, share_differing},
-    headless::take_warnings,
     stage::{Stage, camera, shadows},
+    warnings,
 };
 
 #[test]
@@ -217,7 +217,7 @@ fn without_depth_clip_control() {
 fn nothing_is_logged_that_bevy_would_not() {
     let lines = |ours: bool| {
         let mut stage = Stage::new();
-        take_warnings();
+        warnings::take();
         let sun = stage.sun();
         if ours {
             stage.world().entity_mut(sun).insert(shadows());
@@ -230,7 +230,7 @@ fn nothing_is_logged_that_bevy_would_not() {
                 .remove::<ParallelSplitShadows>();
             stage.picture();
         }
-        take_warnings()
+        warnings::take()
     };
     assert_eq!(lines(true), lines(false));
 }
@@ -241,13 +241,13 @@ fn a_bad_value_is_reported_once_and_changes_nothing() {
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
     let good = stage.picture();
-    take_warnings();
+    warnings::take();
     stage.world().entity_mut(sun).insert(ParallelSplitShadows {
         far: -3.0,
         ..shadows()
     });
     assert_identical("bad_value", &stage.picture(), &good);
-    let reported: Vec<String> = take_warnings()
+    let reported: Vec<String> = warnings::take()
         .into_iter()
         .filter(|line| line.contains("`far` is -3"))
         .collect();

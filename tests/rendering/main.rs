@@ -2,11 +2,18 @@
 
 #[path = "../../examples/common/headless.rs"]
 mod headless;
+#[path = "../../examples/scenes/mod.rs"]
+mod scene;
+#[path = "../../examples/common/scene_stage.rs"]
+mod scene_stage;
+#[path = "../../examples/common/warnings.rs"]
+mod warnings;
 
 mod compare;
 mod drop_in;
 mod life_cycle;
 mod maps;
+mod scenes;
 mod shader_module;
 mod stability;
 mod stage;

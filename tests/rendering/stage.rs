@@ -21,8 +21,13 @@ use crate::headless::Headless;
 /// Pictures are this large (pixels).
 pub const SIZE: UVec2 = UVec2::new(320, 240);
 
-/// One app at a time: apps share the device's two cores and the log.
+/// One app at a time: apps share the machine's cores and the log.
 static TURN: Mutex<()> = Mutex::new(());
+
+/// Waits until no other app renders.
+pub fn take_turn() -> MutexGuard<'static, ()> {
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The scene, and the app that renders it.
 pub struct Stage {
@@ -58,7 +63,7 @@ impl Stage {
 
     /// As [`Stage::new`], on a restricted GPU or with more plugins.
     pub fn with_app(gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
-        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let turn = take_turn();
         let headless = Headless::with_gpu(SIZE, gpu, |app| {
             app.add_plugins(PssmPlugin)
                 .insert_resource(DirectionalLightShadowMap { size: 1024 })

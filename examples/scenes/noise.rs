@@ -15,15 +15,18 @@ pub struct Stream {
 }
 
 impl Stream {
+    /// A stream, the same for the same seed.
     pub fn new(seed: u64) -> Self {
         Self { seed, counter: 0 }
     }
 
+    /// The next number in [0, 1).
     pub fn next(&mut self) -> f32 {
         self.counter += 1;
         random(self.seed, self.counter)
     }
 
+    /// The next number between two.
     pub fn between(&mut self, lo: f32, hi: f32) -> f32 {
         lo + (hi - lo) * self.next()
     }
@@ -51,4 +54,17 @@ pub fn fractal(x: f32, y: f32, seed: u64, octaves: u32) -> f32 {
             noise(x * scale, y * scale, seed + u64::from(octave)) * 0.5_f32.powi(octave as i32)
         })
         .sum()
+}
+
+/// As [`fractal`], in [0, 1] and with sharp ridges.
+pub fn ridged(x: f32, y: f32, seed: u64, octaves: u32) -> f32 {
+    let mut sum = 0.0;
+    let mut weight = 0.5;
+    for octave in 0..octaves {
+        let scale = 2.07_f32.powi(octave as i32);
+        let ridge = 1.0 - noise(x * scale, y * scale, seed + u64::from(octave)).abs();
+        sum += ridge * ridge * weight;
+        weight *= 0.48;
+    }
+    sum
 }

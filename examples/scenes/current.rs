@@ -1,6 +1,4 @@
-//! A scene set up for comparing: its camera, and its sun with both kinds of shadows.
-
-#![allow(dead_code, reason = "shared by several binaries")]
+//! The scene on show: its camera, and its sun with both kinds of shadows.
 
 use bevy::{
     light::{CascadeShadowConfig, CascadeShadowConfigBuilder},
@@ -8,12 +6,12 @@ use bevy::{
 };
 use bevy_pssm::prelude::*;
 
-use super::scene::{SceneDescription, SceneEntity, SceneSun, camera_of, spawn_scene};
+use super::{SceneDescription, SceneEntity, SceneSun, camera_of, spawn_scene};
 
 /// Names of the shipped scenes.
 pub const SCENES: [&str; 4] = ["robot_war", "huge_chessboard", "knights", "mining_terrain"];
 
-/// The scene wanted, by name; and whether it stands.
+/// The scene wanted, and whether it stands.
 #[derive(Resource, Default)]
 pub struct CurrentScene {
     /// The scene's asset.
@@ -27,7 +25,7 @@ pub struct CurrentScene {
 pub struct SceneCamera;
 
 impl CurrentScene {
-    /// Wants another scene.
+    /// Wants another scene, by name.
     pub fn load(&mut self, name: &str, assets: &AssetServer) {
         self.handle = assets.load(format!("scenes/{name}.scene.ron"));
         self.spawned = false;
@@ -35,7 +33,7 @@ impl CurrentScene {
 }
 
 /// Sets the wanted scene up as soon as it has loaded.
-pub fn set_up(
+pub(super) fn set_up(
     mut commands: Commands,
     mut current: ResMut<CurrentScene>,
     scenes: Res<Assets<SceneDescription>>,
@@ -62,13 +60,15 @@ pub fn set_up(
         let mut suns = world.query_filtered::<Entity, With<SceneSun>>();
         let suns: Vec<Entity> = suns.iter(world).collect();
         for sun in suns {
-            world.entity_mut(sun).insert((ShadowPreset(preset.clone()), stock.clone()));
+            world
+                .entity_mut(sun)
+                .insert((ShadowPreset(preset.clone()), stock.clone()));
         }
     });
 }
 
 /// Bevy's cascades over the same range as the presets', its defaults otherwise.
-pub fn stock_cascades(far: f32) -> CascadeShadowConfig {
+fn stock_cascades(far: f32) -> CascadeShadowConfig {
     CascadeShadowConfigBuilder {
         num_cascades: 4,
         minimum_distance: 1.0,

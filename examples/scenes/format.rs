@@ -7,6 +7,8 @@ use bevy::{
 };
 use serde::Deserialize;
 
+use super::ground::Ground;
+
 /// A scene: where to look from, what light falls, and what stands where.
 #[derive(Asset, TypePath, Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
@@ -21,12 +23,12 @@ pub struct SceneDescription {
     pub camera: CameraPath,
     /// The directional light.
     pub sun: SunDescription,
-    /// Colours of the sky, overhead and at the horizon (sRGB).
-    pub sky: [[f32; 3]; 2],
-    /// Distance at which haze has swallowed most contrast (metres).
-    pub visibility: f32,
-    /// Brightness of the ambient light (cd/m²).
-    pub ambient: f32,
+    /// What is overhead.
+    pub sky: SkyDescription,
+    /// What is between here and there.
+    pub haze: HazeDescription,
+    /// Light from everywhere.
+    pub ambient: AmbientDescription,
     /// What everything stands on.
     pub ground: GroundDescription,
     /// What stands on it.
@@ -77,6 +79,40 @@ pub struct SunDescription {
     pub degrees_per_second: f32,
 }
 
+/// A sky. Its horizon has the haze's colour.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct SkyDescription {
+    /// Colour overhead (sRGB).
+    pub zenith: [f32; 3],
+    /// How much of it is clouded, 0 to 1.
+    pub clouds: f32,
+}
+
+/// A haze, denser with the square of the distance.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct HazeDescription {
+    /// Its colour (sRGB).
+    pub color: [f32; 3],
+    /// Distance at which it has swallowed 95 % of the contrast (metres).
+    pub visibility: f32,
+    /// How much sunlight it scatters towards a camera that looks at the sun.
+    pub glow: f32,
+    /// How narrow that glow is.
+    pub glow_exponent: f32,
+}
+
+/// A light without direction.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct AmbientDescription {
+    /// Its colour (sRGB).
+    pub color: [f32; 3],
+    /// Its brightness (cd/m²).
+    pub brightness: f32,
+}
+
 /// The ground: a square grid.
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
@@ -87,8 +123,15 @@ pub struct GroundDescription {
     pub size: f32,
     /// Cells per side, two triangles each.
     pub cells: u32,
+    /// Height of its relief, as a factor.
+    #[serde(default = "full_relief")]
+    pub relief: f32,
     /// Main and second colour (sRGB).
     pub colors: [[f32; 3]; 2],
+}
+
+fn full_relief() -> f32 {
+    1.0
 }
 
 /// Reliefs.
@@ -118,27 +161,48 @@ pub struct Group {
     pub layout: Layout,
     /// Main and second colour (sRGB).
     pub colors: [[f32; 3]; 2],
+    /// How many shapes of the model there are, shared by the group's objects.
+    #[serde(default = "one_variant")]
+    pub variants: u32,
     /// How they move.
     #[serde(default)]
     pub motion: Motion,
 }
 
+fn one_variant() -> u32 {
+    1
+}
+
 /// What can be built.
 #[derive(Deserialize, Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelKind {
+    /// A war robot on two legs.
     Robot,
+    /// A chess piece.
     Pawn,
+    /// A chess piece.
     Rook,
+    /// The chess piece otherwise called a knight.
     Horse,
+    /// A chess piece.
     Bishop,
+    /// A chess piece.
     Queen,
+    /// A chess piece.
     King,
+    /// A bearded axe-bearer.
     Dwarf,
+    /// A lancer in plate.
     Knight,
+    /// A tree in leaf.
     Tree,
+    /// A saguaro.
     Cactus,
+    /// A tracked digger with a claw.
     ClawBot,
+    /// A wind pump on a lattice mast.
     Windmill,
+    /// A boulder among pebbles.
     Rock,
 }
 
@@ -156,6 +220,17 @@ pub enum Layout {
         /// Where they look, clockwise from −z (degrees).
         facing: f32,
     },
+    /// Evenly on a circle.
+    Ring {
+        /// How many.
+        count: u32,
+        /// Middle of the circle (x, z).
+        centre: [f32; 2],
+        /// Its radius (metres).
+        radius: f32,
+        /// Direction of the first, clockwise from −z (degrees).
+        start: f32,
+    },
     /// At random in a ring, no two closer than a distance.
     Scatter {
         /// How many.
@@ -166,9 +241,16 @@ pub enum Layout {
         radius: [f32; 2],
         /// Least distance between two (metres).
         apart: f32,
+        /// Greatest slope of the ground under one (metres per metre).
+        #[serde(default = "any_slope")]
+        slope: f32,
     },
     /// Where listed: x, z and facing (degrees).
-    Places(Vec<[f32; 3]>),
+    Places(Vec<(f32, f32, f32)>),
+}
+
+fn any_slope() -> f32 {
+    0.45
 }
 
 /// How objects move.
@@ -177,13 +259,41 @@ pub enum Motion {
     /// Not at all.
     #[default]
     Still,
-    /// Round a circle, with a walker's bob.
+    /// Where they are, their parts turning and swinging.
+    Parts {
+        /// Speed of the parts, as a factor.
+        rate: f32,
+    },
+    /// There and back again along a straight line, with a turn at either end.
+    March {
+        /// Length of the line (metres).
+        length: f32,
+        /// Radius of the turns (metres).
+        radius: f32,
+        /// Speed (metres per second).
+        speed: f32,
+    },
+    /// Round a circle.
     Walk {
         /// Radius of the circle (metres).
         radius: f32,
         /// Speed (metres per second).
         speed: f32,
     },
+}
+
+impl SceneDescription {
+    /// The camera's place after a time on its path.
+    pub fn camera_at(&self, seconds: f32) -> Transform {
+        let ground = Ground::new(self.ground.clone(), self.seed);
+        self.camera.sample(seconds, |x, z| ground.height(x, z))
+    }
+
+    /// The camera at one of its path's poses.
+    pub fn camera_pose(&self, index: usize) -> Transform {
+        let ground = Ground::new(self.ground.clone(), self.seed);
+        self.camera.pose(index, |x, z| ground.height(x, z))
+    }
 }
 
 impl CameraPath {
@@ -215,7 +325,10 @@ impl CameraPath {
 
     /// The camera at one of its poses.
     pub fn pose(&self, index: usize, ground: impl Fn(f32, f32) -> f32) -> Transform {
-        self.sample(self.seconds * index as f32 / self.poses.len().max(1) as f32, ground)
+        self.sample(
+            self.seconds * index as f32 / self.poses.len().max(1) as f32,
+            ground,
+        )
     }
 }
 

@@ -1,0 +1,126 @@
+//! A scene in a windowless app of its own.
+
+#![allow(dead_code, reason = "shared by several binaries")]
+
+use bevy::{asset::LoadState, light::DirectionalLightShadowMap, prelude::*};
+use bevy_pssm::prelude::*;
+
+use crate::{
+    headless::Headless,
+    scene::{
+        CurrentScene, Ground, SceneCamera, SceneDescription, SceneStats, SceneSun, ScenesPlugin,
+    },
+};
+
+/// Frames after which a scene that has not appeared is given up.
+const MAX_STEPS: usize = 5000;
+
+/// A scene with its camera and its sun, which has the scene's shadow preset.
+pub struct SceneStage {
+    /// The app.
+    pub headless: Headless,
+    /// The camera.
+    pub camera: Entity,
+    /// The sun.
+    pub sun: Entity,
+    /// What the scene was built from.
+    pub description: SceneDescription,
+    ground: Ground,
+}
+
+impl SceneStage {
+    /// Loads a scene. `setup` adds further plugins; `camera` goes to the camera.
+    ///
+    /// # Panics
+    /// If the scene or its preset does not load.
+    pub fn new(name: &str, size: UVec2, setup: impl FnOnce(&mut App), camera: impl Bundle) -> Self {
+        let mut headless = Headless::new(size, |app| {
+            app.add_plugins((PssmPlugin, ScenesPlugin));
+            setup(app);
+        });
+        let target = headless.render_target();
+        let world = headless.app.world_mut();
+        let camera = world
+            .spawn((Camera3d::default(), SceneCamera, target, camera))
+            .id();
+        world.resource_scope(|world, mut current: Mut<CurrentScene>| {
+            current.load(name, world.resource::<AssetServer>());
+        });
+        for _ in 0..MAX_STEPS {
+            headless.step();
+            let world = headless.app.world_mut();
+            let mut suns =
+                world.query_filtered::<Entity, (With<SceneSun>, With<ParallelSplitShadows>)>();
+            let sun = suns.iter(world).next();
+            let handle = &world.resource::<CurrentScene>().handle;
+            if let LoadState::Failed(error) = world.resource::<AssetServer>().load_state(handle) {
+                panic!("scene {name} did not load: {error}");
+            }
+            let Some(sun) = sun else {
+                continue;
+            };
+            let scenes = world.resource::<Assets<SceneDescription>>();
+            let description = scenes.get(handle).cloned();
+            return Self {
+                camera,
+                sun,
+                description: description.expect("the scene was spawned from it"),
+                ground: world.resource::<Ground>().clone(),
+                headless,
+            };
+        }
+        panic!("scene {name} or its preset did not load");
+    }
+
+    /// The app's world.
+    pub fn world(&mut self) -> &mut World {
+        self.headless.app.world_mut()
+    }
+
+    /// How much there is.
+    pub fn stats(&self) -> SceneStats {
+        *self.headless.app.world().resource::<SceneStats>()
+    }
+
+    /// Height of the ground (metres).
+    pub fn ground(&self, x: f32, z: f32) -> f32 {
+        self.ground.height(x, z)
+    }
+
+    /// Puts the camera at one of the scene's poses.
+    pub fn stand_at_pose(&mut self, index: usize) {
+        let path = self.description.camera.clone();
+        let place = path.pose(index, |x, z| self.ground(x, z));
+        self.stand_at(place);
+    }
+
+    /// Puts the camera somewhere.
+    pub fn stand_at(&mut self, place: Transform) {
+        let camera = self.camera;
+        self.world().entity_mut(camera).insert(place);
+    }
+
+    /// Chooses between the plugin's shadows and Bevy's own, with maps of `stock_size` texels
+    /// per side.
+    pub fn use_plugin(&mut self, ours: bool, stock_size: usize) {
+        self.configure(|shadows| shadows.enabled = ours);
+        self.world()
+            .insert_resource(DirectionalLightShadowMap { size: stock_size });
+    }
+
+    /// Changes the sun's shadows.
+    pub fn configure(&mut self, change: impl FnOnce(&mut ParallelSplitShadows)) {
+        let sun = self.sun;
+        if let Some(mut shadows) = self.world().get_mut::<ParallelSplitShadows>(sun) {
+            change(&mut shadows);
+        }
+    }
+
+    /// Switches the sun's shadow maps.
+    pub fn set_shadow_maps(&mut self, enabled: bool) {
+        let sun = self.sun;
+        if let Some(mut light) = self.world().get_mut::<DirectionalLight>(sun) {
+            light.shadow_maps_enabled = enabled;
+        }
+    }
+}

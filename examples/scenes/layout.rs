@@ -1,0 +1,103 @@
+//! Where a group's objects stand.
+
+use core::f32::consts::TAU;
+
+use bevy::prelude::*;
+
+use super::{
+    format::{Group, Layout},
+    ground::Ground,
+    noise::Stream,
+};
+
+/// Attempts at scattering before a group stays smaller than wanted.
+const ATTEMPTS: u32 = 40_000;
+
+/// Where an object stands.
+pub struct Place {
+    /// Its (x, z).
+    pub at: Vec2,
+    /// Where it looks, clockwise from −z (degrees).
+    pub facing: f32,
+}
+
+/// Where a group's objects stand.
+pub fn places(group: &Group, ground: &Ground, random: &mut Stream) -> Vec<Place> {
+    match &group.layout {
+        Layout::Places(list) => list
+            .iter()
+            .map(|(x, z, facing)| Place {
+                at: Vec2::new(*x, *z),
+                facing: *facing,
+            })
+            .collect(),
+        Layout::Ranks {
+            centre,
+            count,
+            spacing,
+            facing,
+        } => {
+            let turn = Vec2::from_angle(facing.to_radians());
+            let offset = |i: u32, of: u32, step: f32| (i as f32 - 0.5 * (of as f32 - 1.0)) * step;
+            (0..count[0] * count[1])
+                .map(|i| {
+                    let straight = Vec2::new(
+                        offset(i % count[0], count[0], spacing[0]),
+                        offset(i / count[0], count[1], spacing[1]),
+                    );
+                    let jitter = Vec2::new(random.between(-0.1, 0.1), random.between(-0.1, 0.1));
+                    Place {
+                        at: Vec2::from_array(*centre)
+                            + turn.rotate(straight + jitter * Vec2::from_array(*spacing)),
+                        facing: facing + random.between(-9.0, 9.0),
+                    }
+                })
+                .collect()
+        }
+        Layout::Ring {
+            count,
+            centre,
+            radius,
+            start,
+        } => (0..*count)
+            .map(|i| {
+                let facing = start + 360.0 * i as f32 / *count as f32;
+                let (sin, cos) = facing.to_radians().sin_cos();
+                Place {
+                    at: Vec2::from_array(*centre) + *radius * Vec2::new(sin, -cos),
+                    facing: facing + 180.0,
+                }
+            })
+            .collect(),
+        Layout::Scatter {
+            count,
+            centre,
+            radius,
+            apart,
+            slope,
+        } => {
+            let mut list: Vec<Place> = Vec::new();
+            let mut attempts = 0;
+            while list.len() < *count as usize && attempts < ATTEMPTS {
+                attempts += 1;
+                let [near, far] = *radius;
+                let out = near.hypot((random.next() * (far * far - near * near)).sqrt());
+                let at =
+                    Vec2::from_array(*centre) + out * Vec2::from_angle(random.between(0.0, TAU));
+                let height = |dx: f32, dz: f32| ground.height(at.x + dx, at.y + dz);
+                let steep = Vec2::new(
+                    height(3.0, 0.0) - height(-3.0, 0.0),
+                    height(0.0, 3.0) - height(0.0, -3.0),
+                );
+                let free = list.iter().all(|other| other.at.distance(at) >= *apart);
+                if free && steep.length() / 6.0 < *slope {
+                    list.push(Place {
+                        at,
+                        facing: random.between(0.0, 360.0),
+                    });
+                }
+            }
+            list
+        }
+    }
+}

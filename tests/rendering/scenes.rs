@@ -1,0 +1,264 @@
+//! The example scenes: as large as they should be, nothing lost by culling, and shadows nearer
+//! to the truth than Bevy's at equal texels.
+//!
+//! Figures are left in `target/test-figures/`.
+
+use bevy::{
+    camera::{
+        primitives::{Aabb, CascadesFrusta},
+        visibility::CascadesVisibleEntities,
+    },
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
+    light::NotShadowCaster,
+    math::Affine3A,
+    pbr::DistanceFog,
+    prelude::*,
+};
+use bevy_pssm::prelude::*;
+use image::RgbaImage;
+
+use crate::{
+    compare::{assert_identical, save, share_differing},
+    scene::{SCENES, Stream},
+    scene_stage::SceneStage,
+    stage::take_turn,
+};
+
+/// Counts and area (m²) of each scene: Zhang et al. 2006, section 5.
+const PAPER: [(&str, usize, f64, f32); 4] = [
+    ("robot_war", 160, 220e3, 1.44e6),
+    ("huge_chessboard", 32, 51e3, 0.49e6),
+    ("knights", 60, 1e6, 1.6e6),
+    ("mining_terrain", 55, 1.3e6, 2.56e6),
+];
+
+/// Random poses and suns per scene.
+const POSES: usize = 50;
+
+/// A scene with nothing between light and picture: no tone mapping, no haze.
+fn plain_stage(name: &str, size: UVec2) -> SceneStage {
+    let camera = (Tonemapping::None, DebandDither::Disabled, Msaa::Off);
+    let mut stage = SceneStage::new(name, size, |_| {}, camera);
+    let camera = stage.camera;
+    stage.world().entity_mut(camera).remove::<DistanceFog>();
+    stage
+}
+
+fn write_figures(name: &str, lines: &[String]) {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/target/test-figures");
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(format!("{folder}/{name}.csv"), lines.join("\n") + "\n"))
+        .expect("figures can be written");
+}
+
+#[test]
+fn scenes_are_as_large_as_the_papers() {
+    let _turn = take_turn();
+    assert_eq!(PAPER.map(|(name, ..)| name), SCENES);
+    for (name, objects, triangles, area) in PAPER {
+        let stage = plain_stage(name, UVec2::splat(64));
+        let stats = stage.stats();
+        assert_eq!(stats.objects, objects, "{name}");
+        let ratio = stats.triangles as f64 / triangles;
+        assert!(
+            (0.97..=1.03).contains(&ratio),
+            "{name} has {} triangles, {ratio:.3} of the paper's",
+            stats.triangles
+        );
+        let side = stage.description.ground.size;
+        assert!((side * side / area - 1.0).abs() < 0.01, "{name}: {side} m");
+        let lens = &stage.description.camera;
+        assert_eq!((lens.near, lens.fov_degrees), (1.0, 60.0), "{name}");
+        let far = if name == "mining_terrain" {
+            1000.0
+        } else {
+            800.0
+        };
+        assert_eq!(lens.far, far, "{name}");
+    }
+}
+
+/// Somewhere over the inner half of the ground, looking about.
+fn random_place(stage: &SceneStage, random: &mut Stream) -> Transform {
+    let reach = 0.25 * stage.description.ground.size;
+    let (x, z) = (random.between(-reach, reach), random.between(-reach, reach));
+    let height = 1.5 + 60.0 * random.next().powi(3);
+    let yaw = random.between(0.0, core::f32::consts::TAU);
+    let pitch = random.between(-0.6, 0.15);
+    Transform::from_xyz(x, stage.ground(x, z) + height, z).with_rotation(Quat::from_euler(
+        EulerRot::YXZ,
+        yaw,
+        pitch,
+        0.0,
+    ))
+}
+
+fn random_sun(random: &mut Stream) -> Transform {
+    let azimuth = random.between(0.0, core::f32::consts::TAU);
+    let elevation = random.between(0.1, 1.5);
+    Transform::from_rotation(Quat::from_euler(EulerRot::YXZ, azimuth, -elevation, 0.0))
+}
+
+/// Casters drawn: by hull culling, and how many meet the same maps' boxes, as Bevy would draw.
+fn drawn_by_hull_and_box(stage: &mut SceneStage) -> [usize; 2] {
+    let sun = stage.sun;
+    let world = stage.world();
+    let mut casters = world
+        .query_filtered::<(&Aabb, &GlobalTransform), (With<Mesh3d>, Without<NotShadowCaster>)>();
+    let casters: Vec<(Aabb, Affine3A)> = casters
+        .iter(world)
+        .map(|(aabb, transform)| (*aabb, transform.affine()))
+        .collect();
+    let hull = world
+        .get::<CascadesVisibleEntities>(sun)
+        .into_iter()
+        .flat_map(|lists| lists.entities.values().flatten())
+        .map(|list| list.entities.len())
+        .sum();
+    let boxes = world
+        .get::<CascadesFrusta>(sun)
+        .into_iter()
+        .flat_map(|frusta| frusta.frusta.values().flatten())
+        .map(|frustum| {
+            casters
+                .iter()
+                .filter(|(aabb, affine)| frustum.intersects_obb(aabb, affine, false, true))
+                .count()
+        })
+        .sum();
+    [hull, boxes]
+}
+
+fn check_culling(name: &str) {
+    let _turn = take_turn();
+    let mut stage = plain_stage(name, UVec2::new(128, 96));
+    stage.configure(|shadows| shadows.map_size = MapSize::Same(512));
+    stage.headless.settle();
+    let mut random = Stream::new(7);
+    let mut drawn = [0; 2];
+    let mut shadowed = 0;
+    for pose in 0..POSES {
+        let (place, light) = (random_place(&stage, &mut random), random_sun(&mut random));
+        stage.stand_at(place);
+        let sun = stage.sun;
+        stage.world().entity_mut(sun).insert(light);
+        let mut picture = |culling| -> RgbaImage {
+            stage.configure(|shadows| shadows.culling = culling);
+            stage.headless.picture()
+        };
+        let off = picture(CasterCulling::Off);
+        let hull = picture(CasterCulling::Hull);
+        assert_identical(&format!("culling_{name}"), &hull, &off);
+        for (sum, count) in drawn.iter_mut().zip(drawn_by_hull_and_box(&mut stage)) {
+            *sum += count;
+        }
+        // That equal pictures mean something: most have shadows to lose.
+        if pose % 10 == 0 {
+            stage.set_shadow_maps(false);
+            shadowed += usize::from(share_differing(&stage.headless.picture(), &hull, 12) > 0.002);
+            stage.set_shadow_maps(true);
+        }
+    }
+    let [hull, boxes] = drawn;
+    let ratio = hull as f64 / boxes as f64;
+    write_figures(
+        &format!("culling_{name}"),
+        &[
+            "scene,poses,casters_hull,casters_box,ratio".to_owned(),
+            format!("{name},{POSES},{hull},{boxes},{ratio:.3}"),
+        ],
+    );
+    assert!(hull < boxes, "{name}: {hull} casters against {boxes}");
+    assert!(
+        shadowed >= 3,
+        "{name}: only {shadowed} of 5 pictures show shadows"
+    );
+}
+
+#[test]
+fn culling_loses_nothing_in_robot_war() {
+    check_culling("robot_war");
+}
+
+#[test]
+fn culling_loses_nothing_in_huge_chessboard() {
+    check_culling("huge_chessboard");
+}
+
+#[test]
+fn culling_loses_nothing_in_knights() {
+    check_culling("knights");
+}
+
+#[test]
+fn culling_loses_nothing_in_mining_terrain() {
+    check_culling("mining_terrain");
+}
+
+/// What a pixel gets of the sun's light, 0 to 1; `None` where it gets next to none anyway.
+fn light_at(lit: &RgbaImage, dark: &RgbaImage, picture: &RgbaImage, x: u32, y: u32) -> Option<f32> {
+    let linear = |image: &RgbaImage| -> f32 {
+        let pixel = image.get_pixel(x, y);
+        let [r, g, b] = [pixel[0], pixel[1], pixel[2]];
+        let color = Color::srgb_u8(r, g, b).to_linear();
+        color.red + color.green + color.blue
+    };
+    let (lit, dark) = (linear(lit), linear(dark));
+    (lit - dark > 0.03).then(|| (linear(picture) - dark) / (lit - dark))
+}
+
+#[test]
+fn masks_are_nearer_to_the_truth_than_bevys() {
+    let _turn = take_turn();
+    let size = UVec2::new(400, 300);
+    let mut figures = vec!["scene,sunlit_pixels,wrong_pssm,wrong_bevy,ratio".to_owned()];
+    let mut failures = Vec::new();
+    for name in SCENES {
+        let mut stage = plain_stage(name, size);
+        let sun = stage.sun;
+        let illuminance = |stage: &mut SceneStage, lux: f32| {
+            if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+                light.illuminance = lux;
+            }
+        };
+        let (mut sunlit, mut wrong) = (0, [0; 2]);
+        for pose in 0..stage.description.camera.poses.len() {
+            stage.stand_at_pose(pose);
+            stage.use_plugin(false, 4096);
+            illuminance(&mut stage, 4000.0);
+            stage.headless.settle();
+            let truth = stage.headless.picture();
+            stage.set_shadow_maps(false);
+            let lit = stage.headless.picture();
+            illuminance(&mut stage, 0.0);
+            let dark = stage.headless.picture();
+            illuminance(&mut stage, 4000.0);
+            stage.set_shadow_maps(true);
+            stage.use_plugin(false, 2048);
+            let bevy = stage.headless.picture();
+            stage.use_plugin(true, 2048);
+            let ours = stage.headless.picture();
+            save(&format!("mask_{name}_{pose}"), &ours, &truth);
+            for (x, y) in (0..size.x).flat_map(|x| (0..size.y).map(move |y| (x, y))) {
+                let mask = |picture| light_at(&lit, &dark, picture, x, y).map(|light| light > 0.5);
+                let Some(expected) = mask(&truth) else {
+                    continue;
+                };
+                sunlit += 1;
+                for (wrong, picture) in wrong.iter_mut().zip([&ours, &bevy]) {
+                    *wrong += usize::from(mask(picture) != Some(expected));
+                }
+            }
+        }
+        let [ours, bevy] = wrong;
+        figures.push(format!(
+            "{name},{sunlit},{ours},{bevy},{:.3}",
+            ours as f64 / bevy as f64
+        ));
+        if ours >= bevy {
+            failures.push(name);
+        }
+    }
+    write_figures("masks", &figures);
+    assert!(failures.is_empty(), "{failures:?}: {figures:#?}");
+}
