@@ -90,11 +90,15 @@ fn show_scene(name: &str, table: &mut String) -> Result<(), BevyError> {
                 "Bevy's built-in shadows"
             };
             let text = format!(
-                "{}: {}\n{side}, 4 maps of {MAP_SIZE}²",
+                "{}: {}\n{side}, 4 maps of {MAP_SIZE} x {MAP_SIZE}",
                 stage.description.title, pose.name
             );
             if let Some(mut label) = stage.world().get_mut::<Text>(label) {
                 label.0 = text;
+            }
+            stage.use_plugin(ours, MAP_SIZE);
+            if index == 0 {
+                stage.headless.settle();
             }
             shoot(&mut stage, ours)
         });
@@ -160,12 +164,9 @@ fn spawn_label(stage: &mut SceneStage) -> Entity {
 }
 
 fn shoot(stage: &mut SceneStage, ours: bool) -> Shot {
-    stage.use_plugin(ours, MAP_SIZE);
-    stage.headless.settle();
     let since = Instant::now();
     let picture = stage.headless.picture();
-    // Measurements arrive a frame or two late.
-    stage.headless.step();
+    // Measurements arrive a frame late.
     stage.headless.step();
 
     let sun = stage.sun;

@@ -1,105 +1,106 @@
-//! Counts of Bevy's own shadow pass, which records none: its phases are drawn once more, into a
-//! scratch map, with a span that counts.
+//! Counts of shadow passes. Bevy's own pass records none, and rebuilds its draws view by view,
+//! so that nothing can be drawn after it: its views are drawn as root views instead, into the
+//! same maps, as the plugin draws its own, with a span that counts. For one camera only, since
+//! cameras share Bevy's maps in turn.
 
 use bevy::{
-    core_pipeline::schedule::{Core3d, Core3dSystems},
+    core_pipeline::schedule::{Core3d, Core3dSystems, RootNonCameraView},
     diagnostic::{DiagnosticPath, DiagnosticsStore},
-    pbr::{
-        CORE_3D_SHADOW_MAP_FORMAT, LATE_SHADOW_PASS, Shadow, ViewLightEntities,
-        per_view_shadow_pass,
-    },
+    ecs::schedule::ScheduleLabel,
+    pbr::{Shadow, ShadowView, ViewLightEntities, main_build_indirect_parameters, prepare_lights},
     platform::time::Instant,
     prelude::*,
     render::{
-        RenderApp,
+        Render, RenderApp, RenderSystems,
         diagnostic::{RecordDiagnostics, RenderDiagnosticsPlugin},
         render_phase::ViewBinnedRenderPhases,
-        render_resource::{
-            Extent3d, LoadOp, Operations, RenderPassDepthStencilAttachment, RenderPassDescriptor,
-            StoreOp, TextureDescriptor, TextureDimension, TextureUsages, TextureView,
-        },
-        renderer::{RenderContext, RenderDevice, ViewQuery},
+        render_resource::{RenderPassDescriptor, StoreOp},
+        renderer::{RenderContext, ViewQuery},
+        texture::DepthStencilViewAttachment,
         view::ExtractedView,
     },
 };
-use bevy_pssm::render::SHADOW_PASS_SPAN;
+use bevy_pssm::render::{AdoptedMap, PssmRenderSystems, SHADOW_PASS_SPAN};
 
 const STOCK_SPAN: &str = "builtin_shadow_map";
 
 /// Makes both passes' counts available.
 pub struct MeasurePlugin;
 
+/// A view of Bevy's that is drawn with a span: its number and its map.
+#[derive(Component)]
+struct Counted(usize, DepthStencilViewAttachment);
+
 impl Plugin for MeasurePlugin {
     fn build(&self, app: &mut App) {
         app.add_plugins(RenderDiagnosticsPlugin);
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
-            render_app.add_systems(
-                Core3d,
-                draw_again
-                    .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
-                    .before(Core3dSystems::MainPass),
-            );
+            render_app
+                .add_systems(
+                    Render,
+                    take_stock_views
+                        .in_set(RenderSystems::PrepareViews)
+                        .after(prepare_lights)
+                        .after(PssmRenderSystems::AdoptViews),
+                )
+                .add_systems(
+                    Core3d,
+                    draw_view
+                        .after(main_build_indirect_parameters)
+                        .before(Core3dSystems::MainPass),
+                );
         }
     }
 }
 
-fn draw_again(
+fn take_stock_views(
+    mut commands: Commands,
+    mut cameras: Query<&mut ViewLightEntities>,
+    views: Query<&ShadowView>,
+    counted: Query<(Entity, Has<AdoptedMap>), With<Counted>>,
+) {
+    // The plugin's views are root views too.
+    for (view, adopted) in &counted {
+        commands.entity(view).remove::<Counted>();
+        if !adopted {
+            commands.entity(view).remove::<RootNonCameraView>();
+        }
+    }
+    for mut camera in &mut cameras {
+        for (index, view) in camera.lights.drain(..).enumerate() {
+            if let Ok(shadow_view) = views.get(view) {
+                let map = shadow_view.depth_attachment.clone();
+                commands
+                    .entity(view)
+                    .remove::<ShadowView>()
+                    .insert((Counted(index, map), RootNonCameraView(Core3d.intern())));
+            }
+        }
+    }
+}
+
+fn draw_view(
     world: &World,
-    camera: ViewQuery<&ViewLightEntities>,
-    views: Query<&ExtractedView>,
+    view: ViewQuery<(Entity, &Counted, &ExtractedView)>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
-    device: Res<RenderDevice>,
-    mut scratch: Local<Option<(u32, TextureView)>>,
     mut ctx: RenderContext,
 ) {
-    for (index, light_view) in camera.into_inner().lights.iter().enumerate() {
-        let Ok(view) = views.get(*light_view) else {
-            continue;
-        };
-        let Some(phase) = phases.get(&view.retained_view_entity) else {
-            continue;
-        };
-        let size = view.viewport.z;
-        if scratch.as_ref().is_none_or(|(held, _)| *held != size) {
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some("scratch_shadow_map"),
-                size: Extent3d {
-                    width: size,
-                    height: size,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: CORE_3D_SHADOW_MAP_FORMAT,
-                usage: TextureUsages::RENDER_ATTACHMENT,
-                view_formats: &[],
-            });
-            *scratch = Some((size, texture.create_view(&default())));
-        }
-        let Some((_, target)) = scratch.as_ref() else {
-            continue;
-        };
-        let diagnostics = ctx.diagnostic_recorder();
-        let diagnostics = diagnostics.as_deref();
-        let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
-            label: Some(STOCK_SPAN),
-            depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
-                view: target,
-                depth_ops: Some(Operations {
-                    load: LoadOp::Clear(0.0),
-                    store: StoreOp::Store,
-                }),
-                stencil_ops: None,
-            }),
-            ..default()
-        });
-        let span = diagnostics.pass_span(&mut pass, format!("{STOCK_SPAN}_{index}"));
-        if let Err(err) = phase.render(&mut pass, world, *light_view) {
-            error!("Could not draw shadow casters: {err:?}");
-        }
-        span.end(&mut pass);
+    let (entity, Counted(index, map), view) = view.into_inner();
+    let Some(phase) = phases.get(&view.retained_view_entity) else {
+        return;
+    };
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some(STOCK_SPAN),
+        depth_stencil_attachment: Some(map.get_attachment(StoreOp::Store)),
+        ..default()
+    });
+    let span = diagnostics.pass_span(&mut pass, format!("{STOCK_SPAN}_{index}"));
+    if let Err(err) = phase.render(&mut pass, world, entity) {
+        error!("Could not draw shadow casters: {err:?}");
     }
+    span.end(&mut pass);
 }
 
 /// What shadow passes did in a frame, all maps together.

@@ -71,6 +71,7 @@ pub(super) fn grain(seed: u64, contrast: f32) -> Image {
         address_mode_v: ImageAddressMode::Repeat,
         mag_filter: ImageFilterMode::Linear,
         min_filter: ImageFilterMode::Linear,
+        // Not anisotropic: with multisampling that hangs Mesa's software device.
         mipmap_filter: ImageFilterMode::Linear,
         ..default()
     });

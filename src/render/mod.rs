@@ -19,13 +19,29 @@ use bevy::{
     app::{App, PreUpdate},
     asset::AssetTrackingSystems,
     core_pipeline::schedule::{Core3d, Core3dSystems},
-    ecs::{resource::Resource, schedule::IntoScheduleConfigs},
+    ecs::{
+        resource::Resource,
+        schedule::{IntoScheduleConfigs, SystemSet},
+    },
     log::warn,
     pbr::{extract_lights, main_build_indirect_parameters, prepare_lights},
     render::{ExtractSchedule, Render, RenderApp, RenderSystems, renderer::RenderDevice},
 };
 
 use crate::{config::MaxMapSize, shaders};
+
+/// The plugin's system sets in the render world.
+#[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PssmRenderSystems {
+    /// In `Render`, within `RenderSystems::PrepareViews`. After this set, the views of managed
+    /// lights' maps carry [`AdoptedMap`] and [`ShadowTarget`] has a layer for each.
+    AdoptViews,
+    /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
+    /// is on its way to the GPU.
+    WriteUniforms,
+    /// In `Core3d`. After this set, all maps are drawn.
+    DrawMaps,
+}
 
 /// Whether the GPU can hold our maps.
 #[derive(Resource, Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,19 +91,27 @@ pub(crate) fn build(app: &mut App) {
                 adopt::forgo_occlusion_culling
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
-                adopt::adopt_views
-                    .in_set(RenderSystems::PrepareViews)
-                    .after(prepare_lights),
-                uniform::write_uniforms.in_set(RenderSystems::PrepareResources),
+                adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
+                uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
             ),
         )
-        .add_systems(
+        .configure_sets(
+            Render,
+            (
+                PssmRenderSystems::AdoptViews
+                    .in_set(RenderSystems::PrepareViews)
+                    .after(prepare_lights),
+                PssmRenderSystems::WriteUniforms.in_set(RenderSystems::PrepareResources),
+            ),
+        )
+        .configure_sets(
             Core3d,
             // Earlier, GPU culling would not have built the draws yet.
-            shadow_map_pass
+            PssmRenderSystems::DrawMaps
                 .after(main_build_indirect_parameters)
                 .before(Core3dSystems::MainPass),
-        );
+        )
+        .add_systems(Core3d, shadow_map_pass.in_set(PssmRenderSystems::DrawMaps));
 }
 
 pub(crate) fn finish(app: &mut App) {
