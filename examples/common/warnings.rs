@@ -16,6 +16,14 @@ use bevy::log::{
     },
 };
 
+/// Log lines of level WARN and above since [`take`] was called last.
+pub fn peek() -> Vec<String> {
+    WARNINGS
+        .lock()
+        .map(|lines| lines.clone())
+        .unwrap_or_default()
+}
+
 /// Log lines of level WARN and above since the last call.
 pub fn take() -> Vec<String> {
     WARNINGS

@@ -1,11 +1,13 @@
 //! Configurations as RON assets (`*.shadows.ron`).
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bevy::{
     asset::{AssetLoader, AssetPath, Handle, LoadContext, io::Reader},
     ecs::{component::Component, reflect::ReflectComponent, resource::Resource},
+    log::error,
+    platform::collections::HashMap,
     reflect::{Reflect, TypePath},
 };
 
@@ -56,9 +58,21 @@ pub enum ShadowPresetError {
 }
 
 /// Loads `*.shadows.ron` files.
+///
+/// A file that has been good once stays good: a bad edit is logged once, and the asset keeps the
+/// last good configuration. A file that never was good fails to load.
 #[derive(TypePath, Debug)]
 pub struct ShadowPresetLoader {
     max_map_size: MaxMapSize,
+    known: Mutex<HashMap<AssetPath<'static>, Known>>,
+}
+
+/// What the loader remembers of a file.
+#[derive(Debug)]
+struct Known {
+    last_good: ParallelSplitShadows,
+    /// The mistake told last, if the file has not been good since.
+    told: Option<String>,
 }
 
 /// The GPU's limit, unknown until there is a device; shared with the loader.
@@ -84,7 +98,22 @@ impl MaxMapSize {
 
 impl ShadowPresetLoader {
     pub(crate) fn new(max_map_size: MaxMapSize) -> Self {
-        Self { max_map_size }
+        Self {
+            max_map_size,
+            known: Mutex::default(),
+        }
+    }
+
+    async fn read(
+        &self,
+        reader: &mut dyn Reader,
+        path: &AssetPath<'_>,
+    ) -> Result<ParallelSplitShadows, ShadowPresetError> {
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        let text = String::from_utf8(bytes)
+            .map_err(|error| std::io::Error::new(std::io::ErrorKind::InvalidData, error))?;
+        Self::parse(&text, path, self.max_map_size.get())
     }
 
     /// Reads a configuration from the text of a preset.
@@ -123,11 +152,32 @@ impl AssetLoader for ShadowPresetLoader {
         _settings: &(),
         load_context: &mut LoadContext<'_>,
     ) -> Result<ParallelSplitShadows, ShadowPresetError> {
-        let mut bytes = Vec::new();
-        reader.read_to_end(&mut bytes).await?;
-        let text = String::from_utf8(bytes)
-            .map_err(|error| std::io::Error::new(std::io::ErrorKind::InvalidData, error))?;
-        Self::parse(&text, load_context.path(), self.max_map_size.get())
+        let path = load_context.path().clone_owned();
+        let read = self.read(reader, &path).await;
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        match (read, known.get_mut(&path)) {
+            (Ok(config), _) => {
+                let last_good = config.clone();
+                known.insert(
+                    path,
+                    Known {
+                        last_good,
+                        told: None,
+                    },
+                );
+                Ok(config)
+            }
+            (Err(error), None) => Err(error),
+            // Were this an error, Bevy would try once more and tell it twice.
+            (Err(error), Some(known)) => {
+                let message = error.to_string();
+                if known.told.as_ref() != Some(&message) {
+                    error!("Keeping the last good version of a shadow preset: {message}");
+                    known.told = Some(message);
+                }
+                Ok(known.last_good.clone())
+            }
+        }
     }
 
     fn extensions(&self) -> &[&str] {

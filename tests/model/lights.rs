@@ -24,6 +24,11 @@ use bevy_pssm::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans, prelude:
 struct FoundByBevy(usize);
 
 fn app() -> App {
+    app_with_assets(AssetPlugin::default())
+}
+
+/// An app without a renderer, with assets of one's own.
+pub fn app_with_assets(assets: AssetPlugin) -> App {
     let mut app = App::new();
     // As on a server: all of Bevy but the renderer.
     let no_gpu = WgpuSettings {
@@ -32,6 +37,7 @@ fn app() -> App {
     };
     app.add_plugins((
         DefaultPlugins
+            .set(assets)
             .set(RenderPlugin {
                 render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
                 ..default()

@@ -1,8 +1,12 @@
 //! Everything that needs no GPU: mathematics, configuration, ECS behaviour.
 
+#[path = "../../examples/common/warnings.rs"]
+mod warnings;
+
 mod culling;
 mod lights;
 mod presets;
+mod reload;
 mod splits;
 mod stability;
 mod views;

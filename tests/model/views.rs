@@ -1,7 +1,7 @@
 //! View volumes read off Bevy's projections, and helpers for other tests.
 
 use bevy::{
-    camera::{CameraProjection, OrthographicProjection, PerspectiveProjection, Projection},
+    camera::{OrthographicProjection, PerspectiveProjection, Projection},
     math::{DAffine3, DQuat, DVec3, Mat4, Quat, Rect, Vec3},
 };
 use bevy_pssm::geometry::slice::ViewVolume;

@@ -1,0 +1,65 @@
+//! What a camera and a light cost the CPU each frame: planning, and testing casters.
+
+use core::hint::black_box;
+
+use bevy::{
+    camera::{CameraProjection, PerspectiveProjection},
+    math::{DAffine3, DMat3, DVec3},
+};
+use bevy_pssm::{
+    CascadeFit, ParallelSplitShadows,
+    geometry::{light_frame::LightFrame, slice::ViewVolume},
+    plan::{LookupReach, plan_cascades},
+};
+use criterion::{Criterion, criterion_group, criterion_main};
+
+const CASTERS: usize = 10_000;
+
+fn planning(criterion: &mut Criterion) {
+    let projection = PerspectiveProjection::default();
+    let view = ViewVolume::new(
+        DAffine3::from_translation(DVec3::new(500.0, 20.0, -300.0)),
+        &projection.get_clip_from_view(),
+        f64::from(projection.far),
+    )
+    .expect("a sound camera");
+    let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");
+    let reach = LookupReach::new(1.8, 0.02, 0.0);
+    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
+        let config = ParallelSplitShadows {
+            fit,
+            ..Default::default()
+        };
+        criterion.bench_function(&format!("plan 4 cascades, {fit:?}"), |bencher| {
+            bencher.iter(|| plan_cascades(black_box(&view), &light, &config, reach));
+        });
+    }
+
+    let plan = plan_cascades(&view, &light, &ParallelSplitShadows::default(), reach);
+    let boxes: Vec<(DVec3, DMat3)> = (0..CASTERS)
+        .map(|i| {
+            let (row, column) = (i / 100, i % 100);
+            let place = DVec3::new(10.0 * column as f64, 2.0, -10.0 * row as f64);
+            (place, DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.5)))
+        })
+        .collect();
+    criterion.bench_function(
+        &format!("test {CASTERS} casters against 4 hulls"),
+        |bencher| {
+            bencher.iter(|| {
+                plan.iter()
+                    .filter_map(|cascade| cascade.map.as_ref())
+                    .map(|map| {
+                        let meets = |(centre, axes): &&(DVec3, DMat3)| {
+                            map.hull.intersects_box(*centre, axes)
+                        };
+                        black_box(&boxes).iter().filter(meets).count()
+                    })
+                    .sum::<usize>()
+            });
+        },
+    );
+}
+
+criterion_group!(benches, planning);
+criterion_main!(benches);
