@@ -8,8 +8,8 @@ use bevy::{
 };
 use bevy_pssm::{
     CascadeFit, ParallelSplitShadows,
-    geometry::{light_frame::LightFrame, slice::ViewVolume},
-    plan::{LookupReach, plan_cascades},
+    geometry::{fit::LookupReach, light_frame::LightFrame, slice::ViewVolume},
+    plan::plan_cascades,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 
@@ -20,7 +20,6 @@ fn planning(criterion: &mut Criterion) {
     let view = ViewVolume::new(
         DAffine3::from_translation(DVec3::new(500.0, 20.0, -300.0)),
         &projection.get_clip_from_view(),
-        f64::from(projection.far),
     )
     .expect("a sound camera");
     let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");

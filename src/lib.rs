@@ -20,7 +20,8 @@
 //! # What is where
 //! - [`ParallelSplitShadows`] is the whole configuration; [`ShadowPreset`] takes it from a RON
 //!   file (`*.shadows.ron`) and follows its changes.
-//! - [`PssmSystems`] are the main world's system sets: order your own systems against them.
+//! - [`PssmSystems`] and [`PssmRenderSystems`] are the system sets of the main and the render
+//!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
 //!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`,
 //!   `CascadeShadowConfig`, `CascadesFrusta` and `CascadesVisibleEntities` are kept true.
@@ -29,7 +30,11 @@
 //! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
 //!
 //! # Limits
-//! WebGL2 has no array textures: there the plugin steps back and Bevy's shadows stay.
+//! - WebGL2 has no array textures: there the plugin steps back and Bevy's shadows stay.
+//! - Bevy's light uniform has ten slots; each managed light uses one more of them. With so many
+//!   lights, or maps for so many cameras, that slots or texture layers run out, the plugin says
+//!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
+//! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
 pub mod config;
 pub mod debug;
@@ -44,6 +49,7 @@ pub use config::{
     ShadowPresetError, SplitScheme,
 };
 pub use debug::ShadowOverlay;
+pub use render::PssmRenderSystems;
 pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
 
 use bevy::{

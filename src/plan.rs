@@ -6,40 +6,13 @@ use glam::{DMat4, DVec2};
 use crate::{
     config::{CascadeFit, ParallelSplitShadows},
     geometry::{
-        fit, hull::CasterHull, light_frame::LightFrame, slice::ViewVolume, split::split_planes,
+        fit::{self, LookupReach},
+        hull::CasterHull,
+        light_frame::LightFrame,
+        slice::ViewVolume,
+        split::split_planes,
     },
 };
-
-/// What a surface lookup can reach beyond the surface point itself, apart from the map's fit:
-/// filters and bias offsets. Maps keep this much guard and caster hulls this much margin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LookupReach {
-    /// In texels of the map.
-    pub texels: f64,
-    /// On top of that, in metres.
-    pub metres: f64,
-}
-
-impl LookupReach {
-    /// Half the widest filter kernel (the five-texel Gaussian's, with its bilinear taps).
-    const FILTER_TEXELS: f64 = 3.0;
-    /// The temporal filter's radius has a part that is constant in metres.
-    const FILTER_METRES: f64 = 0.05;
-
-    /// The reach under a light's biases: `normal_bias` in texels, `depth_bias` in metres, and
-    /// the size of a soft shadow's light in metres (0 for none), as in `DirectionalLight`.
-    pub fn new(normal_bias: f32, depth_bias: f32, soft_shadow_size: f32) -> Self {
-        let at_least_zero = |x: f32| if x > 0.0 { f64::from(x) } else { 0.0 };
-        // Bevy scales the normal bias by √2 for the worst-case diagonal.
-        let offset = at_least_zero(normal_bias.abs()) * core::f64::consts::SQRT_2;
-        Self {
-            texels: (Self::FILTER_TEXELS + offset).ceil(),
-            metres: Self::FILTER_METRES
-                + at_least_zero(depth_bias.abs())
-                + at_least_zero(soft_shadow_size),
-        }
-    }
-}
 
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,7 +57,8 @@ pub fn plan_cascades(
     let count = config.cascades as usize;
     let planes = split_planes(&config.splits, config.near, config.far, count);
     let blend_start = |index: usize| {
-        let share = if index + 1 == count {
+        // Where the last planes fall together, the first to reach them is the last to be seen.
+        let share = if planes[index + 1] >= config.far {
             config.fade
         } else {
             config.blend
@@ -124,18 +98,23 @@ fn plan_map(
 ) -> Option<CascadeMap> {
     let slice = view.slice(near, far)?;
     let map = match fit {
-        CascadeFit::Stable => fit::stable(&slice, light, map_size, reach.texels),
-        CascadeFit::Tight => fit::tight(&slice, light, map_size, reach.texels),
+        CascadeFit::Stable => fit::stable(&slice, light, map_size, reach),
+        CascadeFit::Tight => fit::tight(&slice, light, map_size, reach),
     };
-    let clip_from_world = map.clip_from_world(light);
-    if !clip_from_world.as_mat4().is_finite() {
+    let [clip_from_world, clip_from_cascade, world_from_cascade] = [
+        map.clip_from_world(light),
+        map.clip_from_cascade(),
+        map.world_from_cascade(light),
+    ];
+    let published = [clip_from_world, clip_from_cascade, world_from_cascade];
+    if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
         return None;
     }
     let margin = reach.texels * map.texel.max_element() + reach.metres;
     Some(CascadeMap {
         clip_from_world,
-        clip_from_cascade: map.clip_from_cascade(),
-        world_from_cascade: map.world_from_cascade(light),
+        clip_from_cascade,
+        world_from_cascade,
         texel: map.texel,
         hull: CasterHull::new(&slice, light.z, margin),
     })

@@ -5,8 +5,10 @@ use bevy::{
     core_pipeline::tonemapping::Tonemapping,
     light::{DirectionalLightShadowMap, ShadowFilteringMethod},
     prelude::*,
+    render::renderer::RenderAdapterInfo,
 };
 use bevy_pssm::prelude::*;
+use wgpu::DeviceType;
 
 use crate::scene::{
     CurrentScene, Ground, MovingSun, SCENES, SceneCamera, SceneDescription, SceneSun, ScenesPlugin,
@@ -54,6 +56,7 @@ fn open(
     show: Res<Show>,
     mut current: ResMut<CurrentScene>,
     assets: Res<AssetServer>,
+    adapter: Res<RenderAdapterInfo>,
 ) {
     current.load(show.scene, &assets);
     commands.spawn((
@@ -65,6 +68,11 @@ fn open(
             ..default()
         },
         Tonemapping::TonyMcMapface,
+        // A software device is slow enough without.
+        match adapter.device_type {
+            DeviceType::Cpu => Msaa::Off,
+            _ => Msaa::Sample4,
+        },
     ));
     commands.spawn((
         Text::default(),

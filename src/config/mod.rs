@@ -26,11 +26,14 @@ pub const MIN_MAP_SIZE: u32 = 64;
 /// Gives a [`DirectionalLight`](bevy::light::DirectionalLight) parallel-split shadow maps.
 ///
 /// Adding the component is enough: it switches the light's shadow maps on and takes their place
-/// on every active 3D camera. Removing it brings Bevy's own shadows back exactly as they were
-/// configured. `DirectionalLight::shadow_depth_bias`, `shadow_normal_bias` and
-/// `soft_shadow_size`, the cameras' `ShadowFilteringMethod`, and `NotShadowCaster` and
-/// `NotShadowReceiver` keep their meaning; `CascadeShadowConfig` is overwritten while the
-/// component is present.
+/// on every active 3D camera; `shadow_maps_enabled = false` afterwards means no shadows.
+/// Removing the component brings Bevy's own shadows back exactly as they were configured.
+/// `CascadeShadowConfig` is overwritten while it is present.
+///
+/// `DirectionalLight::shadow_depth_bias` and `soft_shadow_size`, the cameras'
+/// `ShadowFilteringMethod`, and `NotShadowCaster` and `NotShadowReceiver` keep their meaning.
+/// `shadow_normal_bias` is an upper bound: a surface is moved by no more than the filter needs
+/// at its angle to the light.
 ///
 /// A value outside its range is reported once, and the last good configuration stays in force.
 ///
@@ -65,8 +68,10 @@ pub struct ParallelSplitShadows {
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
     /// plain sight. Default 500 m.
     pub far: f64,
-    /// Where cascades end in between. Default `Practical { lambda: 0.95 }`, which puts the
-    /// first split at 11 m, near what Unity, Unreal and Godot choose.
+    /// Where cascades end in between. Default `Practical { lambda: 0.9 }`, with the first
+    /// split at 17 m. Of 0.8, 0.9, 0.95 and 0.97 it has the fewest wrong pixels that are fewer
+    /// than under Bevy's splits in each of the four example scenes; 0.8 has fewer still in
+    /// three of them, but more in the one that has figures close to the camera.
     pub splits: SplitScheme,
     /// Share of each slice, at its far end, over which one cascade is blended into the next
     /// (0 to 0.5). Pixels there sample two maps; 0 shows a hard line where sharpness changes.
@@ -81,7 +86,7 @@ pub struct ParallelSplitShadows {
     /// disturb players more than a third of the sharpness lost.
     pub fit: CascadeFit,
     /// Texels per side of each cascade's map. Default `Same(2048)`, Bevy's own: 16 MiB and one
-    /// clear each.
+    /// clear each, for every camera.
     pub map_size: MapSize,
     /// Which casters are drawn into a cascade. Default [`CasterCulling::Hull`].
     pub culling: CasterCulling,
@@ -146,7 +151,7 @@ pub enum SplitScheme {
 
 impl Default for SplitScheme {
     fn default() -> Self {
-        Self::Practical { lambda: 0.95 }
+        Self::Practical { lambda: 0.9 }
     }
 }
 
@@ -165,13 +170,17 @@ pub enum CascadeFit {
 
 /// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
 /// GPU allows, powers of two or not.
+///
+/// All maps live in one array texture whose layers are as large as the largest map: smaller
+/// maps save drawing, not memory, which is `4 bytes × largest² × maps`, spot lights' maps and
+/// every camera's included.
 #[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum MapSize {
     /// One size for all.
     Same(u32),
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
-    /// texels than the first map alone, but each border shows a jump in sharpness.
+    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness.
     Halving(u32),
     /// One size per cascade.
     List(Vec<u32>),

@@ -15,29 +15,65 @@ pub struct MapBox {
     pub texel: DVec2,
 }
 
+/// What a surface lookup can reach beyond the surface point itself, apart from the map's fit:
+/// filters and bias offsets. Maps keep this much guard and caster hulls this much margin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LookupReach {
+    /// In texels of the map.
+    pub texels: f64,
+    /// On top of that, in metres.
+    pub metres: f64,
+}
+
+impl LookupReach {
+    /// Half the widest filter kernel (the five-texel Gaussian's, with its bilinear taps).
+    const FILTER_TEXELS: f64 = 3.0;
+    /// The temporal filter's radius has a part that is constant in metres.
+    const FILTER_METRES: f64 = 0.05;
+
+    /// The reach under a light's biases: `normal_bias` in texels, `depth_bias` in metres, and
+    /// the size of a soft shadow's light in metres (0 for none), as in `DirectionalLight`.
+    pub fn new(normal_bias: f32, depth_bias: f32, soft_shadow_size: f32) -> Self {
+        let at_least_zero = |x: f32| if x > 0.0 { f64::from(x) } else { 0.0 };
+        // Bevy scales the normal bias by √2 for the worst-case diagonal.
+        let offset = at_least_zero(normal_bias.abs()) * core::f64::consts::SQRT_2;
+        Self {
+            texels: (Self::FILTER_TEXELS + offset).ceil(),
+            metres: Self::FILTER_METRES
+                + at_least_zero(depth_bias.abs())
+                + at_least_zero(soft_shadow_size),
+        }
+    }
+
+    /// How far that is along the light in a map with such texels (both in metres).
+    fn along_light(self, texel: f64) -> f64 {
+        self.texels * texel + self.metres
+    }
+}
+
 /// No map is thinner than this (metres): an extent is never divided by raw.
 const MIN_EXTENT: f64 = 1e-6;
 
 /// A map that moves in whole texels and never changes its size or orientation.
 ///
 /// The slice's bounding sphere fixes the size; the centre is rounded to the texel grid of the
-/// light's own frame, anchored at the world's origin. `guard` texels on every side stay outside
-/// the slice for filters and offsets. (NVIDIA 2007; sphere and guard as in Valient 2008.)
-pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, guard: f64) -> MapBox {
+/// light's own frame, anchored at the world's origin. What lookups reach beyond the slice stays
+/// inside the map. (NVIDIA 2007; sphere and guard as in Valient 2008.)
+pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupReach) -> MapBox {
     let size = f64::from(map_size);
-    let half = slice.radius.max(MIN_EXTENT) * size / usable(size, 1.0 + 2.0 * guard);
+    let half = slice.radius.max(MIN_EXTENT) * size / usable(size, 1.0 + 2.0 * reach.texels);
     let texel = 2.0 * half / size;
     let centre = light.light_from_world(slice.centre);
     MapBox {
         centre: (centre / texel + 0.5).floor() * texel,
-        half: DVec3::new(half, half, half + 2.0 * texel),
+        half: DVec3::new(half, half, half + reach.along_light(texel)),
         texel: DVec2::splat(texel),
     }
 }
 
 /// The smallest box around the slice in the light's frame. Sharper than [`stable`] by a factor
 /// of one to three in texel area, but its texels move and change size with the camera.
-pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, guard: f64) -> MapBox {
+pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupReach) -> MapBox {
     let size = f64::from(map_size);
     let (lo, hi) = slice.corners.iter().fold(
         (DVec3::INFINITY, DVec3::NEG_INFINITY),
@@ -47,11 +83,11 @@ pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, guard: f64) -> Ma
         },
     );
     let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
-    let half = 0.5 * extent.truncate() * size / usable(size, 2.0 * guard);
+    let half = 0.5 * extent.truncate() * size / usable(size, 2.0 * reach.texels);
     let texel = 2.0 * half / size;
     MapBox {
         centre: (lo + hi) * 0.5,
-        half: half.extend(0.5 * extent.z + guard * texel.max_element()),
+        half: half.extend(0.5 * extent.z + reach.along_light(texel.max_element())),
         texel,
     }
 }

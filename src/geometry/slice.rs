@@ -17,7 +17,8 @@ pub struct ViewVolume {
     pub max: [DVec2; 2],
     /// Depth of the camera's near plane (metres; may be negative for orthographic cameras).
     pub near: f64,
-    /// Depth of the camera's far plane (metres; may be infinite).
+    /// Depth beyond which nothing is drawn (metres). Infinite for perspective cameras: Bevy's
+    /// have no far plane on the GPU, and none when it decides what is visible.
     pub far: f64,
 }
 
@@ -28,13 +29,12 @@ const SCALE_STEP: f64 = 1.0 / 4096.0;
 impl ViewVolume {
     /// Reads the volume off a camera's transform and projection.
     ///
-    /// `clip_from_view` is Bevy's: right-handed, looking along −z, NDC z in [0, 1] with 1 near;
-    /// `far` is given apart because Bevy's perspective matrices reach to infinity.
+    /// `clip_from_view` is Bevy's: right-handed, looking along −z, NDC z in [0, 1] with 1 near.
     /// Returns `None` when either matrix is degenerate or not finite, or the planes are not in
     /// order.
-    pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4, far: f64) -> Option<Self> {
+    pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4) -> Option<Self> {
         let m = clip_from_view;
-        let near = near_plane(m);
+        let (near, far) = (near_plane(m), far_plane(m));
         let corner = |ndc: DVec2| -> Option<[DVec2; 2]> {
             let x = edge(m.row(0), m.row(3), ndc.x)?;
             let y = edge(m.row(1), m.row(3), ndc.y)?;
@@ -73,10 +73,27 @@ impl ViewVolume {
     }
 }
 
-/// The depth at which NDC z is 1.
+/// The depth at which NDC z is 1. An oblique near plane (a mirror's) has no one depth: then the
+/// eye's.
 fn near_plane(clip_from_view: &Mat4) -> f64 {
     let (z, w) = (clip_from_view.row(2), clip_from_view.row(3));
+    if is_oblique(z) {
+        return 0.0;
+    }
     (f64::from(z.w) - f64::from(w.w)) / (f64::from(z.z) - f64::from(w.z))
+}
+
+/// The depth at which NDC z is 0.
+fn far_plane(clip_from_view: &Mat4) -> f64 {
+    let z = clip_from_view.row(2);
+    if is_oblique(z) || z.z == 0.0 {
+        return f64::INFINITY;
+    }
+    f64::from(z.w) / f64::from(z.z)
+}
+
+fn is_oblique(z_row: Vec4) -> bool {
+    z_row.x != 0.0 || z_row.y != 0.0
 }
 
 /// Solves `(row · (x, 0, -d, 1)) = ndc · (w_row · (x, 0, -d, 1))` for `x` as a function of the

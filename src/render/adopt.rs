@@ -357,6 +357,12 @@ pub(super) fn adopt_views(
                 .remove::<(ShadowView, OcclusionCulling, OcclusionCullingSubview)>();
         }
     }
+    // A camera that is no longer drawn must not write into the others' uniform.
+    for camera in &adopted_cameras {
+        if records.iter().all(|(recorded, _)| *recorded != camera) {
+            commands.entity(camera).remove::<AdoptedLights>();
+        }
+    }
     for (camera, record) in records {
         commands.entity(camera).insert(record);
     }

@@ -24,11 +24,20 @@ use bevy::{
         schedule::{IntoScheduleConfigs, SystemSet},
     },
     log::warn,
-    pbr::{extract_lights, main_build_indirect_parameters, prepare_lights},
-    render::{ExtractSchedule, Render, RenderApp, RenderSystems, renderer::RenderDevice},
+    pbr::{
+        MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS, extract_lights,
+        main_build_indirect_parameters, prepare_lights,
+    },
+    render::{
+        ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
+        renderer::RenderDevice,
+    },
 };
 
-use crate::{config::MaxMapSize, shaders};
+use crate::{
+    config::{MAX_CASCADES, MaxMapSize},
+    shaders,
+};
 
 /// The plugin's system sets in the render world.
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -57,9 +66,12 @@ impl Default for GpuSupport {
 }
 
 impl GpuSupport {
-    /// An array texture needs room for one light's cascades at least; WebGL2 has none.
+    /// An array texture needs room for one light's cascades at least, and the uniform for a
+    /// light and its data; WebGL2 has neither.
     pub(crate) fn shadows(self) -> bool {
-        self.layers >= crate::config::MAX_CASCADES as u32
+        MAX_DIRECTIONAL_LIGHTS > 1
+            && MAX_CASCADES_PER_LIGHT >= MAX_CASCADES
+            && self.layers >= MAX_CASCADES as u32
     }
 }
 
@@ -77,7 +89,7 @@ pub(crate) fn build(app: &mut App) {
     };
     render_app
         .init_resource::<ExtractedShadows>()
-        .init_resource::<ShadowTarget>()
+        .init_gpu_resource::<ShadowTarget>()
         .add_systems(
             ExtractSchedule,
             (

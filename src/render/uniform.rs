@@ -4,7 +4,10 @@
 //! the last slot downwards each managed light takes one; `shaders/slot.wesl` reads them.
 
 use bevy::{
-    ecs::system::{Query, Res},
+    ecs::{
+        query::With,
+        system::{Query, Res},
+    },
     pbr::{LightMeta, MAX_DIRECTIONAL_LIGHTS, Shadow, ViewLightsUniformOffset},
     render::{
         render_phase::ViewBinnedRenderPhases, render_resource::Buffer, renderer::RenderQueue,
@@ -25,7 +28,6 @@ mod layout {
     pub const LIGHT: usize = 400;
     pub const CASCADE: usize = 80;
     pub const TEXEL_SIZE: usize = 64;
-    pub const COLOR: usize = 320;
     pub const DIR_TO_LIGHT: usize = 336;
     pub const OVERLAP: usize = 368;
     pub const BASE_INDEX: usize = 372;
@@ -37,7 +39,7 @@ pub(super) fn write_uniforms(
     target: Res<ShadowTarget>,
     extracted: Res<ExtractedShadows>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
-    cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights)>,
+    cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights), With<ExtractedView>>,
     views: Query<&ExtractedView>,
 ) {
     let (Some(buffer), true) = (light_meta.view_gpu_lights.buffer(), target.size > 0) else {
@@ -138,9 +140,6 @@ fn fill_slot(
                 0.0,
             ],
         );
-    }
-    if let Some((_, Some(first))) = light.cascades.first() {
-        write_at(slot, layout::COLOR, &[first.far, 0.0, 0.0, 0.0]);
     }
 }
 

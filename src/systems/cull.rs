@@ -39,7 +39,7 @@ pub struct CascadeRange {
 #[derive(Component, Debug, Default, Clone)]
 pub struct CasterCascades {
     /// By camera: casters in the order of their entities. Casters that are drawn into no
-    /// cascade are absent.
+    /// cascade are absent, and those with `NoCpuCulling`, which only the GPU culls.
     pub views: EntityHashMap<Vec<(Entity, CascadeRange)>>,
 }
 

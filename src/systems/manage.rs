@@ -2,8 +2,9 @@
 
 use bevy::{
     asset::{AssetEvent, Assets},
+    camera::primitives::CascadesFrusta,
     ecs::{
-        change_detection::{DetectChanges, DetectChangesMut, Ref},
+        change_detection::{DetectChanges, Ref, Tick},
         component::Component,
         entity::Entity,
         lifecycle::Remove,
@@ -11,7 +12,7 @@ use bevy::{
         observer::On,
         system::{Commands, Query, Res},
     },
-    light::{CascadeShadowConfig, DirectionalLight},
+    light::{CascadeShadowConfig, Cascades, DirectionalLight},
     log::warn,
 };
 
@@ -23,11 +24,13 @@ use crate::{
 };
 
 /// The plugin's record of a light: the configuration in force and Bevy's settings to restore.
-/// Added with [`ParallelSplitShadows`].
+/// Added with [`ParallelSplitShadows`], and removed after it.
 #[derive(Component, Debug, Default, Clone)]
 #[require(ShadowPlans, CasterCascades)]
 pub struct ManagedLight {
     last_good: Option<ParallelSplitShadows>,
+    /// When the configuration looked at last was written.
+    seen: Option<Tick>,
     stock: Option<StockShadows>,
 }
 
@@ -35,6 +38,34 @@ impl ManagedLight {
     /// The last good configuration; `None` while Bevy's own shadows are in force.
     pub fn config(&self) -> Option<&ParallelSplitShadows> {
         self.last_good.as_ref()
+    }
+
+    /// Takes a configuration if it is good, and warns of it once if not.
+    fn consider(
+        &mut self,
+        light: Entity,
+        config: &Ref<ParallelSplitShadows>,
+        max_map_size: u32,
+    ) -> Option<&ParallelSplitShadows> {
+        // Not `is_changed`, which has passed if the light was not there yet or was disabled.
+        if self.seen != Some(config.last_changed()) {
+            self.seen = Some(config.last_changed());
+            match config.validate(max_map_size) {
+                Ok(()) => self.last_good = Some((**config).clone()),
+                Err(error) => warn!("Keeping the last good shadows of light {light}: {error}"),
+            }
+        }
+        self.last_good.as_ref()
+    }
+
+    /// Gives Bevy its settings back.
+    fn release(&mut self, light: &mut DirectionalLight, cascade_config: &mut CascadeShadowConfig) {
+        self.last_good = None;
+        self.seen = None;
+        if let Some(stock) = self.stock.take() {
+            light.shadow_maps_enabled &= stock.shadow_maps_enabled;
+            *cascade_config = stock.cascade_config;
+        }
     }
 }
 
@@ -77,6 +108,30 @@ pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Com
     }
 }
 
+/// What was noted of a light is not true of the next one on the same entity.
+pub(super) fn forget_light(
+    removed: On<Remove<DirectionalLight>>,
+    mut managed: Query<&mut ManagedLight>,
+) {
+    if let Ok(mut managed) = managed.get_mut(removed.entity) {
+        *managed = ManagedLight::default();
+    }
+}
+
+/// Should the record go first, with everything that the component requires, say.
+pub(super) fn restore_stock(
+    removed: On<Remove<ManagedLight>>,
+    mut lights: Query<(
+        &mut ManagedLight,
+        &mut DirectionalLight,
+        &mut CascadeShadowConfig,
+    )>,
+) {
+    if let Ok((mut managed, mut light, mut cascade_config)) = lights.get_mut(removed.entity) {
+        managed.release(&mut light, &mut cascade_config);
+    }
+}
+
 pub(super) fn manage_lights(
     mut commands: Commands,
     max_map_size: Res<MaxMapSize>,
@@ -87,15 +142,21 @@ pub(super) fn manage_lights(
         &mut ManagedLight,
         &mut DirectionalLight,
         &mut CascadeShadowConfig,
+        &mut Cascades,
+        &mut CascadesFrusta,
     )>,
 ) {
-    for (entity, config, mut managed, mut light, mut cascade_config) in &mut lights {
+    for (entity, config, mut managed, mut light, mut cascade_config, mut cascades, mut frusta) in
+        &mut lights
+    {
         let removed = config.is_none();
-        let Some(config) = config.filter(|config| config.enabled && support.shadows()) else {
-            managed.last_good = None;
-            if let Some(stock) = managed.stock.take() {
-                light.shadow_maps_enabled &= stock.shadow_maps_enabled;
-                *cascade_config = stock.cascade_config;
+        let wanted = config.filter(|config| config.enabled && support.shadows());
+        let Some(wanted) = wanted else {
+            if managed.seen.is_some() {
+                managed.release(&mut light, &mut cascade_config);
+                // Bevy fills them anew only while its shadows are on.
+                cascades.cascades.clear();
+                frusta.frusta.clear();
             }
             if removed {
                 commands
@@ -104,13 +165,10 @@ pub(super) fn manage_lights(
             }
             continue;
         };
-        if config.is_changed() || managed.last_good.is_none() && managed.is_added() {
-            match config.validate(max_map_size.get()) {
-                Ok(()) => managed.last_good = Some((*config).clone()),
-                Err(error) => warn!("Keeping the last good shadows of light {entity}: {error}"),
-            }
-        }
-        let Some(good) = managed.last_good.clone() else {
+        let Some(published) = managed
+            .consider(entity, &wanted, max_map_size.get())
+            .map(published_config)
+        else {
             continue;
         };
         if managed.stock.is_none() {
@@ -120,10 +178,8 @@ pub(super) fn manage_lights(
             });
             light.shadow_maps_enabled = true;
         }
-        let published = published_config(&good);
         if !same_config(&published, &cascade_config) {
-            *cascade_config.bypass_change_detection() = published;
-            cascade_config.set_changed();
+            *cascade_config = published;
         }
     }
 }

@@ -10,7 +10,7 @@ pub use plan::{ShadowPlans, parked_cascade};
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
-    asset::AssetEventSystems,
+    asset::AssetTrackingSystems,
     camera::visibility::VisibilitySystems,
     ecs::schedule::{IntoScheduleConfigs, SystemSet},
     light::SimulationLightSystems,
@@ -21,7 +21,8 @@ use bevy::{
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PssmSystems {
     /// In `PreUpdate`. After this set, lights with a [`ShadowPreset`](crate::ShadowPreset)
-    /// carry the configuration of the latest good version of its file.
+    /// carry the configuration of the latest good version of its file that was loaded by
+    /// the end of the last frame.
     ApplyPresets,
     /// In `PostUpdate`. After this set, every managed light has its last good configuration in
     /// force, and every light let go has Bevy's settings back.
@@ -55,7 +56,7 @@ pub(crate) fn build(app: &mut App) {
     )
     .configure_sets(
         PreUpdate,
-        PssmSystems::ApplyPresets.after(AssetEventSystems),
+        PssmSystems::ApplyPresets.after(AssetTrackingSystems),
     )
     .add_systems(
         PreUpdate,
@@ -69,5 +70,7 @@ pub(crate) fn build(app: &mut App) {
             cull::cull_casters.in_set(PssmSystems::CullCasters),
         ),
     )
-    .add_observer(manage::forget_preset);
+    .add_observer(manage::forget_preset)
+    .add_observer(manage::forget_light)
+    .add_observer(manage::restore_stock);
 }

@@ -11,13 +11,14 @@ use bevy::{
     light::{Cascades, DirectionalLight, cascade::Cascade},
     log::warn,
     math::{DAffine3, DMat3, Mat4, Vec3},
+    reflect::structs::GetField,
     transform::components::GlobalTransform,
 };
 
 use super::ManagedLight;
 use crate::{
-    geometry::{light_frame::LightFrame, slice::ViewVolume},
-    plan::{CascadePlan, LookupReach, plan_cascades},
+    geometry::{fit::LookupReach, light_frame::LightFrame, slice::ViewVolume},
+    plan::{CascadePlan, plan_cascades},
 };
 
 /// The plans of a managed light, one list of cascades for each active 3D camera.
@@ -83,10 +84,9 @@ pub(super) fn plan_shadows(
 }
 
 fn lookup_reach(light: &DirectionalLight) -> LookupReach {
-    #[cfg(feature = "experimental_pcss")]
-    let soft = light.soft_shadow_size.unwrap_or(0.0);
-    #[cfg(not(feature = "experimental_pcss"))]
-    let soft = 0.0;
+    // By name: the field is there if anyone has switched Bevy's feature on.
+    let soft = light.get_field::<Option<f32>>("soft_shadow_size");
+    let soft = soft.copied().flatten().unwrap_or(0.0);
     LookupReach::new(light.shadow_normal_bias, light.shadow_depth_bias, soft)
 }
 
@@ -108,11 +108,7 @@ fn view_volume(
         Some(sub) => projection.get_clip_from_view_for_sub(sub),
         None => projection.get_clip_from_view(),
     };
-    ViewVolume::new(
-        world_from_view,
-        &clip_from_view,
-        f64::from(projection.far()),
-    )
+    ViewVolume::new(world_from_view, &clip_from_view)
 }
 
 /// A plan in the terms of Bevy's component.

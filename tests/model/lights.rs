@@ -6,7 +6,7 @@ use bevy::{
         primitives::{Aabb, CascadesFrusta},
         visibility::CascadesVisibleEntities,
     },
-    ecs::prelude::*,
+    ecs::{entity_disabling::Disabled, prelude::*},
     light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
     log::LogPlugin,
     prelude::*,
@@ -373,6 +373,140 @@ fn a_component_that_was_never_good_leaves_bevys_shadows_alone() {
             .unwrap()
             .shadow_maps_enabled
     );
+}
+
+#[test]
+fn the_light_may_come_later() {
+    let mut app = app();
+    camera(&mut app);
+    let light = app.world_mut().spawn(ParallelSplitShadows::default()).id();
+    app.update();
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .insert(DirectionalLight::default());
+    app.update();
+    let entity = app.world().entity(light);
+    assert!(
+        entity
+            .get::<DirectionalLight>()
+            .unwrap()
+            .shadow_maps_enabled
+    );
+    assert_eq!(entity.get::<ShadowPlans>().unwrap().views.len(), 1);
+}
+
+#[test]
+fn lights_that_were_asleep_are_taken_when_they_wake() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, (ParallelSplitShadows::default(), Disabled));
+    app.update();
+    app.update();
+    app.world_mut().entity_mut(light).remove::<Disabled>();
+    app.update();
+    assert_eq!(
+        app.world().get::<ShadowPlans>(light).unwrap().views.len(),
+        1
+    );
+}
+
+#[test]
+fn a_replaced_light_is_not_given_its_predecessors_settings() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<(DirectionalLight, ParallelSplitShadows)>();
+    app.update();
+    let custom = CascadeShadowConfig {
+        bounds: vec![7.0],
+        overlap_proportion: 0.1,
+        minimum_distance: 0.3,
+    };
+    app.world_mut().entity_mut(light).insert((
+        DirectionalLight {
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        custom.clone(),
+    ));
+    app.update();
+    let entity = app.world().entity(light);
+    assert!(
+        entity
+            .get::<DirectionalLight>()
+            .unwrap()
+            .shadow_maps_enabled
+    );
+    assert_eq!(
+        entity.get::<CascadeShadowConfig>().unwrap().bounds,
+        custom.bounds
+    );
+
+    // With the component still there, the new light is taken over.
+    app.world_mut()
+        .entity_mut(light)
+        .insert(ParallelSplitShadows::default());
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<DirectionalLight>();
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .insert(DirectionalLight::default());
+    app.update();
+    assert!(
+        app.world()
+            .get::<DirectionalLight>(light)
+            .unwrap()
+            .shadow_maps_enabled
+    );
+}
+
+#[test]
+fn removal_with_everything_required_restores_bevys_settings() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .remove_with_requires::<ParallelSplitShadows>();
+    app.update();
+    let entity = app.world().entity(light);
+    assert!(
+        !entity
+            .get::<DirectionalLight>()
+            .unwrap()
+            .shadow_maps_enabled
+    );
+    assert_eq!(
+        entity.get::<CascadeShadowConfig>().unwrap().bounds,
+        CascadeShadowConfig::default().bounds
+    );
+}
+
+#[test]
+fn soft_shadows_widen_the_hull() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.update();
+    let distance = |app: &App| {
+        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+        plans[0].map.as_ref().unwrap().hull.planes[0].distance
+    };
+    let hard = distance(&app);
+    app.world_mut()
+        .get_mut::<DirectionalLight>(light)
+        .unwrap()
+        .soft_shadow_size = Some(5.0);
+    app.update();
+    assert!(distance(&app) > hard + 4.0);
 }
 
 #[test]

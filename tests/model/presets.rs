@@ -82,6 +82,17 @@ fn shipped_presets_are_good() {
     assert!(count >= 4);
 }
 
+#[test]
+fn the_balanced_preset_spells_the_defaults_out() {
+    let text = include_str!("../../assets/shadows/balanced.shadows.ron");
+    assert_eq!(parse(text), Ok(ParallelSplitShadows::default()));
+    for field in [
+        "cascades", "near", "far", "splits", "blend", "fade", "fit", "map_size",
+    ] {
+        assert!(text.contains(&format!("{field}:")), "{field}");
+    }
+}
+
 /// Text, the line the message must name, and what else it must say.
 const BAD: [(&str, usize, &[&str]); 30] = [
     ("", 1, &[]),

@@ -2,9 +2,9 @@
 
 use bevy::math::{DVec3, Quat, Vec3};
 use bevy_pssm::{
-    CascadeFit, MapSize, ParallelSplitShadows,
-    geometry::light_frame::LightFrame,
-    plan::{CascadePlan, LookupReach, plan_cascades},
+    CascadeFit, MapSize, ParallelSplitShadows, SplitScheme,
+    geometry::{fit::LookupReach, light_frame::LightFrame},
+    plan::{CascadePlan, plan_cascades},
 };
 use proptest::prelude::*;
 
@@ -159,6 +159,41 @@ proptest! {
             prop_assert_eq!(pair[1].near, pair[0].blend_start);
         }
         prop_assert_eq!(plans[plans.len() - 1].far, 800.0);
+    }
+}
+
+#[test]
+fn the_last_cascade_to_be_seen_fades() {
+    let config = ParallelSplitShadows {
+        splits: SplitScheme::Geometric {
+            gamma: 3.0,
+            bias: 700.0,
+        },
+        blend: 0.0,
+        fade: 0.25,
+        ..config(1024)
+    };
+    let plans = plan(&config, Vec3::ZERO, Quat::IDENTITY, DVec3::Y);
+    let seen: Vec<_> = plans
+        .iter()
+        .filter(|cascade| cascade.map.is_some())
+        .collect();
+    assert!(seen.len() < plans.len(), "planes should fall together here");
+    let last = seen[seen.len() - 1];
+    assert_eq!(last.far, 800.0);
+    assert!(last.blend_start < 800.0, "{}", last.blend_start);
+}
+
+#[test]
+fn endless_biases_give_no_map_rather_than_infinite_ones() {
+    let reach = LookupReach::new(f32::INFINITY, 0.0, 0.0);
+    let light = LightFrame::new(DVec3::Y).expect("a direction");
+    let view = volume(&perspective(1.0, 1.0), Vec3::ZERO, Quat::IDENTITY);
+    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
+        let config = ParallelSplitShadows { fit, ..config(512) };
+        for cascade in plan_cascades(&view, &light, &config, reach) {
+            assert_eq!(cascade.map, None);
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use bevy::{
     camera::{OrthographicProjection, PerspectiveProjection, Projection},
-    math::{DAffine3, DQuat, DVec3, Mat4, Quat, Rect, Vec3},
+    math::{DAffine3, DQuat, DVec3, Mat4, Quat, Rect, Vec3, Vec4},
 };
 use bevy_pssm::geometry::slice::ViewVolume;
 use proptest::prelude::*;
@@ -28,12 +28,7 @@ pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
         ),
         translation: rotation.translation.as_dvec3(),
     };
-    ViewVolume::new(
-        world_from_view,
-        &projection.get_clip_from_view(),
-        f64::from(projection.far()),
-    )
-    .expect("a sound camera")
+    ViewVolume::new(world_from_view, &projection.get_clip_from_view()).expect("a sound camera")
 }
 
 pub fn any_turn() -> impl Strategy<Value = Quat> {
@@ -74,10 +69,38 @@ fn slice_corners_are_those_of_bevys_projections() {
 fn slices_end_at_the_cameras_planes() {
     let view = volume(&perspective(1.0, 1.0), Vec3::ZERO, Quat::IDENTITY);
     assert!((view.near - 0.1).abs() < 1e-6);
-    assert!(view.slice(2000.0, 3000.0).is_none());
+    // Bevy draws beyond a perspective camera's `far`.
+    assert_eq!(view.far, f64::INFINITY);
+    assert!(view.slice(2000.0, 30_000.0).is_some());
+
+    let orthographic = Projection::Orthographic(OrthographicProjection {
+        near: 2.0,
+        far: 2000.0,
+        ..OrthographicProjection::default_3d()
+    });
+    let view = volume(&orthographic, Vec3::ZERO, Quat::IDENTITY);
+    assert!((view.near - 2.0).abs() < 1e-3 && (view.far - 2000.0).abs() < 1e-1);
+    assert!(view.slice(2001.0, 3000.0).is_none());
     let slice = view.slice(1900.0, 5000.0).expect("not empty");
     let deepest = slice.corners.iter().map(|c| -c.z).fold(0.0, f64::max);
-    assert!((deepest - 2000.0).abs() < 1e-3);
+    assert!((deepest - 2000.0).abs() < 1e-1);
+}
+
+#[test]
+fn oblique_near_planes_hide_nothing() {
+    for normal in [
+        Vec4::new(0.0, 1.0, 0.0, 0.5),
+        Vec4::new(0.3, 0.9, -0.2, 40.0),
+        Vec4::new(0.0, 0.1, -0.99, -3.0),
+    ] {
+        let mirror = Projection::Perspective(PerspectiveProjection {
+            near_clip_plane: normal,
+            ..Default::default()
+        });
+        let view = volume(&mirror, Vec3::ZERO, Quat::IDENTITY);
+        assert_eq!((view.near, view.far), (0.0, f64::INFINITY), "{normal}");
+        assert!(view.slice(0.0, 1.0).is_some());
+    }
 }
 
 #[test]
@@ -86,12 +109,15 @@ fn degenerate_cameras_have_no_volume() {
     let identity = DAffine3::IDENTITY;
     let nan = DAffine3::from_translation(DVec3::new(f64::NAN, 0.0, 0.0));
     let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
-    assert!(ViewVolume::new(nan, &good, 100.0).is_none());
-    assert!(ViewVolume::new(flat, &good, 100.0).is_none());
-    assert!(ViewVolume::new(identity, &Mat4::ZERO, 100.0).is_none());
-    assert!(ViewVolume::new(identity, &(good * f32::NAN), 100.0).is_none());
-    assert!(ViewVolume::new(identity, &good, 0.01).is_none());
-    assert!(ViewVolume::new(identity, &good, f64::INFINITY).is_some());
+    assert!(ViewVolume::new(nan, &good).is_none());
+    assert!(ViewVolume::new(flat, &good).is_none());
+    assert!(ViewVolume::new(identity, &Mat4::ZERO).is_none());
+    assert!(ViewVolume::new(identity, &(good * f32::NAN)).is_none());
+    let mut turned_round = OrthographicProjection::default_3d();
+    core::mem::swap(&mut turned_round.near, &mut turned_round.far);
+    let turned_round = Projection::Orthographic(turned_round);
+    assert!(ViewVolume::new(identity, &turned_round.get_clip_from_view()).is_none());
+    assert!(ViewVolume::new(identity, &good).is_some());
 }
 
 proptest! {

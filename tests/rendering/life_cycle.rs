@@ -121,6 +121,34 @@ fn shadows_switched_off_and_on() {
     assert_identical("shown_again", &stage.picture(), &on);
 }
 
+#[test]
+fn a_camera_that_rests_disturbs_no_other() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let first = stage.camera();
+    let alone = stage.picture();
+    // The other sees nothing that the first one does.
+    let target = stage.target();
+    let away = Transform::from_xyz(200.0, 3.0, 90.0).looking_to(Vec3::X, Vec3::Y);
+    let second = stage.world().spawn(camera(target)).insert(away).id();
+    let set_active = |stage: &mut Stage, camera, active| {
+        if let Some(mut camera) = stage.world().get_mut::<Camera>(camera) {
+            camera.is_active = active;
+        }
+    };
+    set_active(&mut stage, first, false);
+    stage.picture();
+    for _ in 0..2 {
+        set_active(&mut stage, first, true);
+        set_active(&mut stage, second, false);
+        assert_identical("other_rests", &stage.picture(), &alone);
+        set_active(&mut stage, first, false);
+        set_active(&mut stage, second, true);
+        stage.picture();
+    }
+}
+
 #[derive(Resource)]
 struct Late(bevy::camera::RenderTarget);
 
