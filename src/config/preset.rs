@@ -12,9 +12,11 @@ use bevy::{
 };
 
 use super::{ConfigError, ParallelSplitShadows};
+use crate::systems::AppliedPreset;
 
 /// Gives a light the [`ParallelSplitShadows`] of a RON preset, and keeps it up to date when the
-/// file changes. Removing this component removes the other.
+/// file changes. Until then, changes to the light's own component stay. Removing this component
+/// removes the other.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -28,6 +30,7 @@ use super::{ConfigError, ParallelSplitShadows};
 /// ```
 #[derive(Component, Reflect, Debug, Clone, PartialEq, Eq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
+#[require(AppliedPreset)]
 pub struct ShadowPreset(pub Handle<ParallelSplitShadows>);
 
 /// Why a preset could not be loaded.

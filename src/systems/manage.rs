@@ -1,14 +1,13 @@
 //! Which lights are ours, with which configuration, and what they were before.
 
 use bevy::{
-    asset::{AssetEvent, Assets},
+    asset::{AssetId, Assets},
     camera::primitives::CascadesFrusta,
     ecs::{
         change_detection::{DetectChanges, Ref, Tick},
         component::Component,
         entity::Entity,
         lifecycle::Remove,
-        message::MessageReader,
         observer::On,
         system::{Commands, Query, Res},
     },
@@ -75,28 +74,23 @@ struct StockShadows {
     cascade_config: CascadeShadowConfig,
 }
 
+/// Which version of which preset a light was given, so that it is given each once: changes to
+/// the light's own component stay until the file changes.
+#[derive(Component, Debug, Default)]
+pub struct AppliedPreset(Option<(AssetId<ParallelSplitShadows>, ParallelSplitShadows)>);
+
 pub(super) fn apply_presets(
     mut commands: Commands,
-    mut changed: MessageReader<AssetEvent<ParallelSplitShadows>>,
     presets: Res<Assets<ParallelSplitShadows>>,
-    lights: Query<(Entity, Ref<ShadowPreset>, Option<&ParallelSplitShadows>)>,
+    mut lights: Query<(Entity, &ShadowPreset, &mut AppliedPreset)>,
 ) {
-    let changed: Vec<_> = changed
-        .read()
-        .filter_map(|event| match event {
-            AssetEvent::Added { id }
-            | AssetEvent::Modified { id }
-            | AssetEvent::LoadedWithDependencies { id } => Some(*id),
-            _ => None,
-        })
-        .collect();
-    for (light, preset, current) in &lights {
-        if !preset.is_changed() && !changed.contains(&preset.0.id()) {
+    for (light, preset, mut applied) in &mut lights {
+        let Some(config) = presets.get(&preset.0) else {
             continue;
-        }
-        if let Some(config) = presets.get(&preset.0)
-            && current != Some(config)
-        {
+        };
+        let version = (preset.0.id(), config.clone());
+        if applied.0.as_ref() != Some(&version) {
+            applied.0 = Some(version);
             commands.entity(light).insert(config.clone());
         }
     }
@@ -104,7 +98,7 @@ pub(super) fn apply_presets(
 
 pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Commands) {
     if let Ok(mut light) = commands.get_entity(removed.entity) {
-        light.try_remove::<ParallelSplitShadows>();
+        light.try_remove::<(ParallelSplitShadows, AppliedPreset)>();
     }
 }
 

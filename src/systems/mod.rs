@@ -5,7 +5,7 @@ mod manage;
 mod plan;
 
 pub use cull::{CascadeRange, CasterCascades};
-pub use manage::ManagedLight;
+pub use manage::{AppliedPreset, ManagedLight};
 pub use plan::{ShadowPlans, parked_cascade};
 
 use bevy::{
@@ -21,8 +21,7 @@ use bevy::{
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PssmSystems {
     /// In `PreUpdate`. After this set, lights with a [`ShadowPreset`](crate::ShadowPreset)
-    /// carry the configuration of the latest good version of its file that was loaded by
-    /// the end of the last frame.
+    /// carry the configuration of the latest good version of its file.
     ApplyPresets,
     /// In `PostUpdate`. After this set, every managed light has its last good configuration in
     /// force, and every light let go has Bevy's settings back.

@@ -125,6 +125,20 @@ fn presets_follow_their_file_and_survive_mistakes() {
         cascades(app) == Some(3)
     });
 
+    // A change by hand stays until the file changes.
+    let blend = |app: &App| {
+        app.world()
+            .get::<ParallelSplitShadows>(light)
+            .map(|shadows| shadows.blend)
+    };
+    let mut shadows = app.world_mut().get_mut::<ParallelSplitShadows>(light);
+    shadows.as_mut().expect("taken above").blend = 0.3;
+    rest(&mut app);
+    assert_eq!(blend(&app), Some(0.3));
+    folder.write("(cascades: 1)");
+    step_until(&mut app, "a last version", |app| cascades(app) == Some(1));
+    assert_eq!(blend(&app), Some(ParallelSplitShadows::default().blend));
+
     app.world_mut().entity_mut(light).remove::<ShadowPreset>();
     step(&mut app);
     assert!(app.world().get::<ParallelSplitShadows>(light).is_none());

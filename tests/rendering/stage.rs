@@ -39,6 +39,7 @@ pub struct Stage {
 pub fn shadows() -> ParallelSplitShadows {
     ParallelSplitShadows {
         far: 200.0,
+        splits: SplitScheme::Practical { lambda: 0.95 },
         map_size: MapSize::Same(1024),
         ..default()
     }
