@@ -2,14 +2,13 @@
 
 #![allow(dead_code, reason = "shared by several binaries")]
 
-use std::sync::{Arc, Mutex};
-
 use bevy::{
     app::PluginsState,
     asset::RenderAssetUsages,
     camera::RenderTarget,
     image::Image as BevyImage,
     log::LogPlugin,
+    platform::sync::{Arc, Mutex},
     prelude::*,
     render::{
         RenderApp, RenderPlugin,

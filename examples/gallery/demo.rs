@@ -1,7 +1,7 @@
 //! Pictures and figures without a window.
 
+use core::fmt::Write as _;
 use std::{
-    fmt::Write as _,
     io::{Write as _, stdout},
     path::Path,
     time::Instant as Clock,

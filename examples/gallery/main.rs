@@ -26,8 +26,8 @@ struct Arguments {
     /// Render pictures and a table into target/demo/ instead of opening the viewer.
     #[arg(long)]
     headless: bool,
-    /// Show this scene only (or first, in the viewer): robot_war, huge_chessboard, knights or
-    /// mining_terrain.
+    /// Show this scene only, or first in the viewer: `robot_war`, `huge_chessboard`, `knights`
+    /// or `mining_terrain`.
     #[arg(long)]
     scene: Option<String>,
 }

@@ -1,15 +1,16 @@
 //! Configurations as RON assets (`*.shadows.ron`).
 
-use core::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-
 use bevy::{
     asset::{AssetLoader, AssetPath, Handle, LoadContext, io::Reader},
     ecs::{component::Component, reflect::ReflectComponent, resource::Resource},
     log::error,
-    platform::collections::HashMap,
+    platform::{
+        collections::HashMap,
+        sync::{Arc, Mutex, PoisonError},
+    },
     reflect::{Reflect, TypePath},
 };
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::{ConfigError, ParallelSplitShadows};
 use crate::systems::AppliedPreset;

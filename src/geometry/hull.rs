@@ -85,10 +85,10 @@ impl CasterHull {
     ///
     /// `half_axes` are the box's half-extents as three vectors in world space.
     pub fn intersects_box(&self, centre: DVec3, half_axes: &DMat3) -> bool {
-        self.planes.iter().all(|plane| {
+        // A box that is not a number is outside of no plane.
+        !self.planes.iter().any(|plane| {
             let reach = (half_axes.transpose() * plane.normal).abs().element_sum();
-            // Negated so that a box that is not a number counts as inside.
-            !(plane.normal.dot(centre) - reach > plane.distance)
+            plane.normal.dot(centre) - reach > plane.distance
         })
     }
 }
