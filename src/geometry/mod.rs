@@ -1,6 +1,6 @@
 //! Pure shadow-map mathematics on `glam` types, in `f64`, free of ECS, assets and GPU.
 //!
-//! One idea a file: [`split`] says where cascades end, [`slice`] cuts the view volume there,
+//! One idea a file: [`split`] says where cascades end, [`mod@slice`] cuts the view volume there,
 //! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map over a slice and
 //! [`hull`] decides which casters can matter.
 
