@@ -10,12 +10,14 @@ use bevy::{
     asset::{AssetServer, Assets, Handle},
     ecs::{
         resource::Resource,
-        system::ResMut,
+        system::{Res, ResMut},
         world::{FromWorld, World},
     },
     log::error,
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
+
+use crate::render::GpuSupport;
 
 /// Where Bevy keeps the module.
 const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
@@ -78,8 +80,9 @@ pub(crate) fn build(app: &mut App) {
 pub(crate) fn replace_shadow_module(
     mut module: ResMut<ShadowModule>,
     mut shaders: ResMut<Assets<Shader>>,
+    support: Res<GpuSupport>,
 ) {
-    if module.replaced {
+    if module.replaced || !support.shadows() {
         return;
     }
     let Some(stock) = shaders.get(&module.stock) else {

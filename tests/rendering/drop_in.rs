@@ -1,6 +1,6 @@
 //! Everything Bevy draws receives the plugin's shadows, and what is not ours stays Bevy's.
 //!
-//! The expected pictures are Bevy's own at four times the texels.
+//! The expected pictures are Bevy's own at four times the texels per map.
 
 use bevy::{
     camera::{ScalingMode, Viewport},
@@ -45,7 +45,10 @@ fn take(stage: &mut Stage, sun: Entity) -> Pictures {
     stage
         .world()
         .insert_resource(DirectionalLightShadowMap { size: 1024 });
-    stage.world().entity_mut(sun).insert(shadows());
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        map_size: MapSize::Same(2048),
+        ..shadows()
+    });
     let ours = stage.picture();
     Pictures {
         unshadowed,
@@ -54,7 +57,8 @@ fn take(stage: &mut Stage, sun: Entity) -> Pictures {
     }
 }
 
-fn assert_right(name: &str, stage: &mut Stage, sun: Entity) {
+/// Asserts that the sun's shadows are, with the plugin, what they are without.
+pub fn assert_right(name: &str, stage: &mut Stage, sun: Entity) {
     let pictures = take(stage, sun);
     assert_same_shadows(name, &pictures.ours, &pictures.stock, &pictures.unshadowed);
 }
@@ -276,34 +280,6 @@ fn meshes_that_do_not_receive() {
     assert_identical("not_receivers", &pictures.ours, &pictures.unshadowed);
 }
 
-#[test]
-fn alpha_masked_casters() {
-    let mut stage = Stage::new();
-    let sun = stage.sun();
-    stage.clear_casters();
-    let mesh = stage
-        .world()
-        .resource_mut::<Assets<Mesh>>()
-        .add(Rectangle::new(6.0, 4.0));
-    let mask = stage.checkered_mask();
-    let material = stage
-        .world()
-        .resource_mut::<Assets<StandardMaterial>>()
-        .add(StandardMaterial {
-            base_color_texture: Some(mask),
-            alpha_mode: AlphaMode::Mask(0.5),
-            cull_mode: None,
-            double_sided: true,
-            ..default()
-        });
-    stage.world().spawn((
-        Mesh3d(mesh),
-        MeshMaterial3d(material),
-        Transform::from_xyz(0.0, 2.5, 0.0).looking_to(Vec3::new(1.0, -0.3, -0.8), Vec3::Y),
-    ));
-    assert_right("alpha_mask", &mut stage, sun);
-}
-
 /// A light that is not ours, in pictures where ours gives no light: Bevy's picture to the bit,
 /// but for rounding where its map fills only a part of a larger layer.
 fn assert_stays_bevys(name: &str, map_size: u32, levels: u8, spawn_other: impl FnOnce(&mut World)) {
@@ -366,6 +342,26 @@ fn a_second_sun_stays_bevys() {
     assert_stays_bevys("second_sun", 1024, 0, second_sun);
     assert_stays_bevys("second_sun_small_ours", 300, 0, second_sun);
     assert_stays_bevys("second_sun_large_ours", 2048, 2, second_sun);
+}
+
+#[test]
+fn two_suns_of_ours() {
+    let mut stage = Stage::new();
+    let first = stage.sun();
+    second_sun(stage.world());
+    // Ours as well, all the time: the other one is compared.
+    let mut suns = stage
+        .world()
+        .query_filtered::<Entity, With<DirectionalLight>>();
+    let suns: Vec<Entity> = suns.iter(stage.world()).collect();
+    for sun in suns.into_iter().filter(|sun| *sun != first) {
+        stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+            cascades: 3,
+            map_size: MapSize::List(vec![1500, 1024, 700]),
+            ..shadows()
+        });
+    }
+    assert_right("two_suns", &mut stage, first);
 }
 
 #[test]

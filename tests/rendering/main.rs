@@ -9,6 +9,7 @@ mod scene_stage;
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
+mod casters;
 mod compare;
 mod drop_in;
 mod life_cycle;
