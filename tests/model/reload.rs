@@ -9,7 +9,7 @@ use bevy_pssm::{ShadowPlans, prelude::*};
 use crate::{lights::app_with_assets, warnings};
 
 /// Frames within which a change on disk must be noticed; each waits a little for the disk.
-const MAX_STEPS: usize = 1000;
+const MAX_STEPS: usize = 3000;
 
 /// A folder of presets, removed in the end.
 struct Folder(PathBuf);
