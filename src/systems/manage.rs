@@ -105,10 +105,14 @@ pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Com
 /// What was noted of a light is not true of the next one on the same entity.
 pub(super) fn forget_light(
     removed: On<Remove<DirectionalLight>>,
-    mut managed: Query<&mut ManagedLight>,
+    mut managed: Query<(&mut ManagedLight, Option<&mut CascadeShadowConfig>)>,
 ) {
-    if let Ok(mut managed) = managed.get_mut(removed.entity) {
-        *managed = ManagedLight::default();
+    let Ok((mut managed, cascade_config)) = managed.get_mut(removed.entity) else {
+        return;
+    };
+    let managed = core::mem::take(&mut *managed);
+    if let (Some(stock), Some(mut cascade_config)) = (managed.stock, cascade_config) {
+        *cascade_config = stock.cascade_config;
     }
 }
 

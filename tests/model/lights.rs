@@ -465,6 +465,16 @@ fn a_replaced_light_is_not_given_its_predecessors_settings() {
             .unwrap()
             .shadow_maps_enabled
     );
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<ParallelSplitShadows>();
+    app.update();
+    let bounds = &app
+        .world()
+        .get::<CascadeShadowConfig>(light)
+        .unwrap()
+        .bounds;
+    assert_eq!(*bounds, custom.bounds);
 }
 
 #[test]
