@@ -1,9 +1,10 @@
 //! Pure shadow-map mathematics on `glam` types, in `f64`, free of ECS, assets and GPU.
 //!
 //! One idea a file: [`split`] says where cascades end, [`mod@slice`] cuts the view volume there,
-//! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map over a slice and
-//! [`hull`] decides which casters can matter.
+//! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map over a slice,
+//! [`hull`] decides which casters can matter and [`aliasing`] tells how good a map is.
 
+pub mod aliasing;
 pub mod fit;
 pub mod hull;
 pub mod light_frame;

@@ -3,6 +3,7 @@
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
+mod aliasing;
 mod culling;
 mod lights;
 mod presets;
