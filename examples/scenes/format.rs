@@ -7,8 +7,6 @@ use bevy::{
 };
 use serde::Deserialize;
 
-use super::ground::Ground;
-
 /// A scene: where to look from, what light falls, and what stands where.
 #[derive(Asset, TypePath, Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
@@ -220,17 +218,6 @@ pub enum Layout {
         /// Where they look, clockwise from −z (degrees).
         facing: f32,
     },
-    /// Evenly on a circle.
-    Ring {
-        /// How many.
-        count: u32,
-        /// Middle of the circle (x, z).
-        centre: [f32; 2],
-        /// Its radius (metres).
-        radius: f32,
-        /// Direction of the first, clockwise from −z (degrees).
-        start: f32,
-    },
     /// At random in a ring, no two closer than a distance.
     Scatter {
         /// How many.
@@ -280,20 +267,6 @@ pub enum Motion {
         /// Speed (metres per second).
         speed: f32,
     },
-}
-
-impl SceneDescription {
-    /// The camera's place after a time on its path.
-    pub fn camera_at(&self, seconds: f32) -> Transform {
-        let ground = Ground::new(self.ground.clone(), self.seed);
-        self.camera.sample(seconds, |x, z| ground.height(x, z))
-    }
-
-    /// The camera at one of its path's poses.
-    pub fn camera_pose(&self, index: usize) -> Transform {
-        let ground = Ground::new(self.ground.clone(), self.seed);
-        self.camera.pose(index, |x, z| ground.height(x, z))
-    }
 }
 
 impl CameraPath {

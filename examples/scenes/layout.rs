@@ -54,21 +54,6 @@ pub fn places(group: &Group, ground: &Ground, random: &mut Stream) -> Vec<Place>
                 })
                 .collect()
         }
-        Layout::Ring {
-            count,
-            centre,
-            radius,
-            start,
-        } => (0..*count)
-            .map(|i| {
-                let facing = start + 360.0 * i as f32 / *count as f32;
-                let (sin, cos) = facing.to_radians().sin_cos();
-                Place {
-                    at: Vec2::from_array(*centre) + *radius * Vec2::new(sin, -cos),
-                    facing: facing + 180.0,
-                }
-            })
-            .collect(),
         Layout::Scatter {
             count,
             centre,

@@ -17,7 +17,7 @@ mod spawn;
 mod texture;
 
 pub use current::{CurrentScene, SCENES, SceneCamera};
-pub use format::{CameraPath, Pose, SceneDescription, SceneError, SceneLoader};
+pub use format::{SceneDescription, SceneLoader};
 pub use ground::Ground;
 pub use motion::{MovingSun, SceneSun};
 pub use noise::Stream;

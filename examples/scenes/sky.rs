@@ -19,7 +19,8 @@ const EXPOSURE: f32 = 0.001;
 pub struct Sky;
 
 /// Lens and haze of the scene's camera. Its transform is
-/// [`SceneDescription::camera_pose`]'s or [`SceneDescription::camera_at`]'s.
+/// [`CameraPath::pose`](super::format::CameraPath::pose)'s or
+/// [`CameraPath::sample`](super::format::CameraPath::sample)'s.
 pub fn camera_of(scene: &SceneDescription) -> impl Bundle + use<> {
     let haze = &scene.haze;
     (

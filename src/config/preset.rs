@@ -1,5 +1,7 @@
 //! Configurations as RON assets (`*.shadows.ron`).
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use bevy::{
     asset::{AssetLoader, AssetPath, Handle, LoadContext, io::Reader},
     ecs::{component::Component, reflect::ReflectComponent, resource::Resource},
@@ -10,7 +12,6 @@ use bevy::{
     },
     reflect::{Reflect, TypePath},
 };
-use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::{ConfigError, ParallelSplitShadows};
 use crate::systems::AppliedPreset;

@@ -88,9 +88,13 @@ pub(super) fn apply_presets(
         let Some(config) = presets.get(&preset.0) else {
             continue;
         };
-        let version = (preset.0.id(), config.clone());
-        if applied.0.as_ref() != Some(&version) {
-            applied.0 = Some(version);
+        let id = preset.0.id();
+        let is_new = applied
+            .0
+            .as_ref()
+            .is_none_or(|known| (known.0, &known.1) != (id, config));
+        if is_new {
+            applied.0 = Some((id, config.clone()));
             commands.entity(light).insert(config.clone());
         }
     }
