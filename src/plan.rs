@@ -6,6 +6,7 @@ use glam::{DMat4, DVec2};
 use crate::{
     config::{CascadeFit, ParallelSplitShadows},
     geometry::{
+        aliasing::Aliasing,
         fit::{self, LookupReach},
         hull::CasterHull,
         light_frame::LightFrame,
@@ -43,6 +44,20 @@ pub struct CascadeMap {
     pub texel: DVec2,
     /// Where casters can stand that matter to the slice.
     pub hull: CasterHull,
+    /// The worst aliasing over the slice, for a map of one texel and an image one pixel high
+    /// (Lloyd et al. 2006, Eq. 1, perspective part). For the first cascade, from the
+    /// configuration's `near` on: at the eye no map is large enough.
+    pub aliasing: Aliasing,
+}
+
+impl CascadePlan {
+    /// Texels across a pixel where they are fewest, in an image `image_height` pixels high:
+    /// below one, texels show. `None` without a map.
+    pub fn texels_per_pixel(&self, image_height: f64) -> Option<f64> {
+        let aliasing = self.map.as_ref()?.aliasing;
+        let pixels_per_texel = aliasing.pixels_per_texel(f64::from(self.map_size), image_height);
+        Some(pixels_per_texel.max_element().recip())
+    }
 }
 
 /// Plans all cascades of a light for a view.
@@ -81,7 +96,7 @@ pub fn plan_cascades(
                 map_size,
                 // Where planes fall together the cascade before already reaches this far.
                 map: (planes[index] < far)
-                    .then(|| plan_map(view, light, config.fit, (near, far), map_size, reach))
+                    .then(|| plan_map(view, light, config, (near, far), map_size, reach))
                     .flatten(),
             }
         })
@@ -91,13 +106,13 @@ pub fn plan_cascades(
 fn plan_map(
     view: &ViewVolume,
     light: &LightFrame,
-    fit: CascadeFit,
+    config: &ParallelSplitShadows,
     (near, far): (f64, f64),
     map_size: u32,
     reach: LookupReach,
 ) -> Option<CascadeMap> {
     let slice = view.slice(near, far)?;
-    let map = match fit {
+    let map = match config.fit {
         CascadeFit::Stable => fit::stable(&slice, light, map_size, reach),
         CascadeFit::Tight => fit::tight(&slice, light, map_size, reach),
     };
@@ -110,6 +125,12 @@ fn plan_map(
     if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
         return None;
     }
+    let seen = view.slice(near.max(config.near), far);
+    let aliasing = Aliasing::over_slice(
+        &clip_from_world,
+        [light.x, light.y],
+        seen.as_ref().unwrap_or(&slice),
+    )?;
     let margin = reach.texels * map.texel.max_element() + reach.metres;
     Some(CascadeMap {
         clip_from_world,
@@ -117,5 +138,6 @@ fn plan_map(
         world_from_cascade,
         texel: map.texel,
         hull: CasterHull::new(&slice, light.z, margin),
+        aliasing,
     })
 }

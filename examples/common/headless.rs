@@ -13,11 +13,14 @@ use bevy::{
     render::{
         RenderApp, RenderPlugin,
         pipelined_rendering::PipelinedRenderingPlugin,
+        render_asset::RenderAssets,
         render_resource::{
-            CachedPipelineState, PipelineCache, PollType, TextureFormat, TextureUsages,
+            BufferDescriptor, BufferUsages, CachedPipelineState, Extent3d, MapMode, PipelineCache,
+            PollType, TexelCopyBufferInfo, TexelCopyBufferLayout, TextureFormat, TextureUsages,
         },
-        renderer::RenderDevice,
+        renderer::{RenderDevice, RenderQueue},
         settings::{RenderCreation, WgpuSettings},
+        texture::GpuImage,
         view::screenshot::{Screenshot, ScreenshotCaptured},
     },
     time::TimeUpdateStrategy,
@@ -48,6 +51,16 @@ impl Headless {
 
     /// As [`Headless::new`], with the GPU's features or limits restricted.
     pub fn with_gpu(size: UVec2, gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
+        Self::with_format(size, TextureFormat::Rgba8UnormSrgb, gpu, setup)
+    }
+
+    /// As [`Headless::with_gpu`], with pictures of another format.
+    pub fn with_format(
+        size: UVec2,
+        format: TextureFormat,
+        gpu: WgpuSettings,
+        setup: impl FnOnce(&mut App),
+    ) -> Self {
         crate::warnings::capture();
         let mut app = App::new();
         app.add_plugins(
@@ -76,8 +89,7 @@ impl Headless {
         app.finish();
         app.cleanup();
 
-        let mut image =
-            BevyImage::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        let mut image = BevyImage::new_target_texture(size.x, size.y, format, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         image.asset_usage = RenderAssetUsages::RENDER_WORLD;
         let target = app
@@ -161,5 +173,51 @@ impl Headless {
             }
         }
         panic!("no picture arrived");
+    }
+
+    /// The bytes of the last frame's picture, row by row; none before the first frame.
+    pub fn read_back(&self) -> Vec<u8> {
+        let world = self.app.sub_app(RenderApp).world();
+        let images = world.resource::<RenderAssets<GpuImage>>();
+        let Some(image) = images.get(&self.target) else {
+            return Vec::new();
+        };
+        let (device, queue) = (
+            world.resource::<RenderDevice>(),
+            world.resource::<RenderQueue>(),
+        );
+        let format = image.texture_descriptor.format;
+        let pixel = format.block_copy_size(None).unwrap_or(4);
+        let Extent3d { width, height, .. } = image.texture_descriptor.size;
+        let row = (width * pixel) as usize;
+        let padded = RenderDevice::align_copy_bytes_per_row(row);
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("read_back"),
+            size: padded as u64 * u64::from(height),
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = device.create_command_encoder(&default());
+        encoder.copy_texture_to_buffer(
+            image.texture.as_image_copy(),
+            TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded as u32),
+                    rows_per_image: None,
+                },
+            },
+            image.texture_descriptor.size,
+        );
+        queue.submit([encoder.finish()]);
+        buffer.slice(..).map_async(MapMode::Read, |_| ());
+        // A lost device leaves nothing to map, which shows in the next line.
+        let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+        let Ok(mapped) = buffer.slice(..).get_mapped_range() else {
+            return Vec::new();
+        };
+        let rows = mapped.chunks(padded);
+        rows.flat_map(|padded| &padded[..row]).copied().collect()
     }
 }

@@ -34,18 +34,31 @@ impl SceneStage {
     /// # Panics
     /// If the scene or its preset does not load.
     pub fn new(name: &str, size: UVec2, setup: impl FnOnce(&mut App), camera: impl Bundle) -> Self {
-        let mut headless = Headless::new(size, |app| {
+        let headless = Headless::new(size, |app| {
             app.add_plugins((PssmPlugin, ScenesPlugin));
             setup(app);
         });
+        Self::in_app(headless, camera, |world, current| {
+            current.load(name, world.resource::<AssetServer>());
+        })
+    }
+
+    /// As [`SceneStage::new`], in an app that has `PssmPlugin` and `ScenesPlugin` already.
+    /// `choose` says which scene.
+    ///
+    /// # Panics
+    /// If the scene or its preset does not load.
+    pub fn in_app(
+        mut headless: Headless,
+        camera: impl Bundle,
+        choose: impl FnOnce(&mut World, &mut CurrentScene),
+    ) -> Self {
         let target = headless.render_target();
         let world = headless.app.world_mut();
         let camera = world
             .spawn((Camera3d::default(), SceneCamera, target, camera))
             .id();
-        world.resource_scope(|world, mut current: Mut<CurrentScene>| {
-            current.load(name, world.resource::<AssetServer>());
-        });
+        world.resource_scope(|world, mut current: Mut<CurrentScene>| choose(world, &mut current));
         for _ in 0..MAX_STEPS {
             headless.step();
             let world = headless.app.world_mut();
@@ -53,8 +66,10 @@ impl SceneStage {
                 world.query_filtered::<Entity, (With<SceneSun>, With<ParallelSplitShadows>)>();
             let sun = suns.iter(world).next();
             let handle = &world.resource::<CurrentScene>().handle;
-            if let LoadState::Failed(error) = world.resource::<AssetServer>().load_state(handle) {
-                panic!("scene {name} did not load: {error}");
+            if let Some(LoadState::Failed(error)) =
+                world.resource::<AssetServer>().get_load_state(handle)
+            {
+                panic!("the scene did not load: {error}");
             }
             let Some(sun) = sun else {
                 continue;
@@ -69,7 +84,7 @@ impl SceneStage {
                 headless,
             };
         }
-        panic!("scene {name} or its preset did not load");
+        panic!("the scene or its preset did not load");
     }
 
     /// The app's world.
@@ -89,9 +104,14 @@ impl SceneStage {
 
     /// Puts the camera at one of the scene's poses.
     pub fn stand_at_pose(&mut self, index: usize) {
-        let path = self.description.camera.clone();
-        let place = path.pose(index, |x, z| self.ground(x, z));
+        let place = self.pose(index);
         self.stand_at(place);
+    }
+
+    /// One of the scene's poses.
+    pub fn pose(&self, index: usize) -> Transform {
+        let path = &self.description.camera;
+        path.pose(index, |x, z| self.ground(x, z))
     }
 
     /// Puts the camera somewhere.

@@ -5,6 +5,8 @@
 
 #[path = "../common/headless.rs"]
 mod headless;
+#[path = "../common/measure.rs"]
+mod measure;
 #[path = "../scenes/mod.rs"]
 mod scene;
 #[path = "../common/scene_stage.rs"]
@@ -13,7 +15,6 @@ mod scene_stage;
 mod warnings;
 
 mod demo;
-mod measure;
 mod viewer;
 
 use std::process::ExitCode;

@@ -6,6 +6,8 @@
 
 use glam::{DMat4, DVec2, DVec3};
 
+use super::slice::Slice;
+
 /// Aliasing along a map's two axes for maps and images of *one* texel and pixel: a map of
 /// `res_s × res_t` texels, seen in an image of `res` pixels a side, has `x · res / res_s` and
 /// `z · res / res_t` (Lloyd et al. 2006, Eq. 1). Above one, texels show.
@@ -42,6 +44,24 @@ impl Aliasing {
         let [x, z] = [0, 1].map(|row| 2.0 / per_metre(axes[row], row) / image_width);
         let sound = clip.w > 0.0 && x.is_finite() && z.is_finite();
         sound.then_some(Self { x, z })
+    }
+
+    /// The worst aliasing of a map over a slice of the view volume, for an image one pixel high;
+    /// arguments as in [`Aliasing::at`]. `None` if the map has no image of a corner.
+    pub fn over_slice(clip_from_world: &DMat4, axes: [DVec3; 2], slice: &Slice) -> Option<Self> {
+        let quads = slice.corners.as_chunks::<4>().0;
+        let all = quads.iter().flat_map(|quad| {
+            let image_height = (quad[3] - quad[0]).length();
+            quad.map(|corner| Self::at(clip_from_world, axes, corner, image_height))
+        });
+        all.reduce(|a, b| Some(a?.max(b?))).flatten()
+    }
+
+    /// Pixels that a texel covers along the map's axes, in an image `image_height` pixels high
+    /// of a map of `map_size` texels per side. For aliasing that was worked out for an image one
+    /// pixel high.
+    pub fn pixels_per_texel(self, map_size: f64, image_height: f64) -> DVec2 {
+        DVec2::new(self.x, self.z) * image_height / map_size
     }
 
     /// The worst of two, axis by axis.

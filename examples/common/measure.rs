@@ -103,29 +103,42 @@ fn draw_view(
     span.end(&mut pass);
 }
 
-/// What shadow passes did in a frame, all maps together.
+/// What the GPU did in a frame, all shadow maps together.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct Counts {
-    /// Vertex shader invocations.
+    /// Vertex shader invocations of the shadow passes.
     pub vertices: f64,
-    /// Primitives that reached the clipper.
+    /// Primitives that reached their clipper.
     pub primitives: f64,
+    /// Their fragment shader invocations.
+    pub fragments: f64,
+    /// Their time (milliseconds).
+    pub milliseconds: f64,
+    /// Fragment shader invocations of the main pass.
+    pub main_fragments: f64,
+    /// Its time (milliseconds).
+    pub main_milliseconds: f64,
 }
 
-/// The counts measured after `since`: the plugin's, or Bevy's.
+/// The counts measured after `since`: the plugin's shadow passes, or Bevy's.
 pub fn counts(store: &DiagnosticsStore, ours: bool, since: Instant) -> Counts {
     let span = if ours { SHADOW_PASS_SPAN } else { STOCK_SPAN };
+    let value = |span: &str, what: &str| -> f64 {
+        let path = DiagnosticPath::new(format!("render/{span}/{what}"));
+        let measured = store.get_measurement(&path);
+        measured.filter(|m| m.time > since).map_or(0.0, |m| m.value)
+    };
     let total = |what: &str| -> f64 {
         (0..8)
-            .filter_map(|map| {
-                let path = DiagnosticPath::new(format!("render/{span}_{map}/{what}"));
-                let measured = store.get_measurement(&path)?;
-                (measured.time > since).then_some(measured.value)
-            })
+            .map(|map| value(&format!("{span}_{map}"), what))
             .sum()
     };
     Counts {
         vertices: total("vertex_shader_invocations"),
         primitives: total("clipper_invocations"),
+        fragments: total("fragment_shader_invocations"),
+        milliseconds: total("elapsed_gpu"),
+        main_fragments: value("main_opaque_pass_3d", "fragment_shader_invocations"),
+        main_milliseconds: value("main_opaque_pass_3d", "elapsed_gpu"),
     }
 }

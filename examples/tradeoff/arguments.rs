@@ -1,0 +1,152 @@
+//! What to measure, from the command line.
+
+use std::path::{Path, PathBuf};
+
+use bevy::{asset::AssetPath, prelude::*};
+use bevy_pssm::{config::ShadowPresetLoader, prelude::*};
+use clap::{Parser, ValueEnum};
+
+use crate::scene::{SCENES, SceneDescription};
+
+/// Measures how wrong sun shadows are, against rays, and what they cost: the plugin's and Bevy's
+/// own, in the same scenes and the same run.
+///
+/// Writes results.csv, report.md, plots and pictures.
+#[derive(Parser, Debug, Clone)]
+pub struct Arguments {
+    /// Scenes: names of shipped ones, or files (`*.scene.ron`). Default: all four shipped.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    pub scene: Vec<String>,
+    /// Settings of the plugin to measure instead of the built-in grid (`*.shadows.ron`).
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    pub shadows: Vec<PathBuf>,
+    /// Size of the pictures (pixels). Default 800x600, or 400x300 with `--quick`.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<UVec2>,
+    /// Poses of each scene, the first ones. Default 4, or 2 with `--quick`.
+    #[arg(long, value_name = "N")]
+    pub poses: Option<usize>,
+    /// Steps of each small motion (pan, turn, zoom, sun) for the flicker figures; 0 leaves them
+    /// out.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub frames: usize,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR", default_value = "target/tradeoff")]
+    pub out: PathBuf,
+    /// Whether Bevy's own shadows are measured too, as they come and tuned.
+    #[arg(long, value_enum, default_value_t = Baseline::Bevy)]
+    pub baseline: Baseline,
+    /// A small grid, small pictures and few poses: under three minutes.
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// What the plugin is measured against.
+#[derive(ValueEnum, Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Baseline {
+    /// Bevy's own shadows.
+    Bevy,
+    /// Nothing.
+    None,
+}
+
+fn size(text: &str) -> Result<UVec2, String> {
+    let sides = text
+        .split_once('x')
+        .and_then(|(w, h)| Some(UVec2::new(w.parse().ok()?, h.parse().ok()?)));
+    let allowed = |size: &UVec2| size.min_element() >= 16 && size.max_element() <= 8192;
+    sides.filter(allowed).ok_or_else(|| {
+        format!("`{text}` is not a width and a height from 16 to 8192, as in 800x600")
+    })
+}
+
+/// A scene to measure.
+pub struct NamedScene {
+    /// Name, for tables and files.
+    pub name: String,
+    /// What is in it.
+    pub description: SceneDescription,
+}
+
+impl Arguments {
+    /// Size of the pictures.
+    pub fn picture_size(&self) -> UVec2 {
+        let default = if self.quick {
+            UVec2::new(400, 300)
+        } else {
+            UVec2::new(800, 600)
+        };
+        self.size.unwrap_or(default)
+    }
+
+    /// How many poses of a scene to measure.
+    pub fn poses(&self, of_scene: usize) -> usize {
+        let wanted = self.poses.unwrap_or(if self.quick { 2 } else { 4 });
+        wanted.clamp(1, of_scene.max(1))
+    }
+
+    /// Reads the scenes.
+    ///
+    /// # Errors
+    /// Names the file that cannot be read and what is wrong with it.
+    pub fn scenes(&self) -> Result<Vec<NamedScene>, String> {
+        let shipped = SCENES.map(str::to_owned);
+        let wanted: &[String] = if self.scene.is_empty() {
+            &shipped
+        } else {
+            &self.scene
+        };
+        wanted.iter().map(|name| read_scene(name)).collect()
+    }
+
+    /// Reads the plugin's settings, if any were given.
+    ///
+    /// # Errors
+    /// Names the file that cannot be read and what is wrong with it.
+    pub fn settings(
+        &self,
+        max_map_size: u32,
+    ) -> Result<Vec<(String, ParallelSplitShadows)>, String> {
+        let read = |file: &PathBuf| {
+            let text = read_text(file)?;
+            let path = AssetPath::from_path(file);
+            let config = ShadowPresetLoader::parse(&text, &path, max_map_size)
+                .map_err(|error| error.to_string())?;
+            Ok((stem(file, ".shadows.ron"), config))
+        };
+        self.shadows.iter().map(read).collect()
+    }
+}
+
+fn read_scene(name: &str) -> Result<NamedScene, String> {
+    let file = if SCENES.contains(&name) {
+        let root = std::env::var("BEVY_ASSET_ROOT")
+            .or_else(|_| std::env::var("CARGO_MANIFEST_DIR"))
+            .unwrap_or_default();
+        Path::new(&root).join(format!("assets/scenes/{name}.scene.ron"))
+    } else {
+        PathBuf::from(name)
+    };
+    let text = read_text(&file)?;
+    let description =
+        ron::from_str(&text).map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok(NamedScene {
+        name: stem(&file, ".scene.ron"),
+        description,
+    })
+}
+
+fn read_text(file: &Path) -> Result<String, String> {
+    std::fs::read_to_string(file).map_err(|error| {
+        format!(
+            "{}: {error}. Shipped scenes are {}.",
+            file.display(),
+            SCENES.join(", ")
+        )
+    })
+}
+
+fn stem(file: &Path, end: &str) -> String {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    name.strip_suffix(end).unwrap_or(&name).to_owned()
+}

@@ -1,0 +1,230 @@
+//! What shadow settings trade: speed, memory and accuracy, measured against rays.
+
+#[path = "../common/headless.rs"]
+mod headless;
+#[path = "../common/measure.rs"]
+mod measure;
+#[path = "../scenes/mod.rs"]
+mod scene;
+#[path = "../common/scene_stage.rs"]
+mod scene_stage;
+#[path = "../common/warnings.rs"]
+mod warnings;
+
+mod arguments;
+mod pareto;
+mod plot;
+mod progress;
+mod report;
+mod study;
+
+use std::{process::ExitCode, time::Instant};
+
+use bevy::{
+    prelude::*,
+    render::renderer::{RenderAdapterInfo, RenderDevice},
+};
+use bevy_pssm::prelude::*;
+use clap::Parser;
+use image::RgbImage;
+
+use arguments::{Arguments, Baseline, NamedScene};
+use progress::{Progress, tell};
+use report::{SceneReport, picture_name};
+use scene::ScenesPlugin;
+use scene_stage::SceneStage;
+use study::{
+    accuracy::Fault,
+    flicker::Motion,
+    pictures,
+    row::Row,
+    run::{Effort, Outcome, View},
+    settings::{Setting, Stock, grid, stock_sizes},
+    studio::{Stance, Studio, linear_camera, measurable_app},
+    tune::{TUNED_SIZE, attempts},
+};
+
+/// Rays across a pixel, for fractions.
+const RAYS: u32 = 4;
+/// Poses at which flicker is measured.
+const FLICKER_POSES: usize = 1;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            #[expect(clippy::print_stderr, reason = "a message for who called")]
+            {
+                eprintln!("{error}");
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), BevyError> {
+    let start = Instant::now();
+    let scenes = arguments.scenes()?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out.join("pictures"))?;
+    let mut progress = Progress::new(scenes.iter().map(|scene| frames(arguments, scene)).sum());
+    let mut adapter = String::new();
+    let mut reports = Vec::new();
+    for scene in &scenes {
+        let (report, name) = measure_scene(arguments, scene, &mut progress)?;
+        adapter = name;
+        reports.push(report);
+        // After each scene, so that a run cut short leaves something.
+        report::write_csv(out, &reports)?;
+    }
+    let size = arguments.picture_size();
+    let head = format!(
+        "Adapter: {adapter}. Pictures of {} × {} pixels.",
+        size.x, size.y
+    );
+    report::write(out, &head, &reports)?;
+    tell(&format!(
+        "\n{head}\nThe report is {}, after {:.0} s.\n",
+        out.join("report.md").display(),
+        start.elapsed().as_secs_f32()
+    ));
+    Ok(())
+}
+
+/// Pictures that a scene will take: its own three per place, then one per setting and place.
+fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
+    let poses = arguments.poses(scene.description.camera.poses.len());
+    let places = poses + FLICKER_POSES.min(poses) * Motion::ALL.len() * arguments.frames;
+    let own = if arguments.shadows.is_empty() {
+        grid(&ParallelSplitShadows::default(), arguments.quick).len()
+    } else {
+        arguments.shadows.len()
+    };
+    let (stock, tuning) = match arguments.baseline {
+        Baseline::Bevy => (
+            2 * stock_sizes(arguments.quick).len(),
+            attempts(arguments.quick) * poses,
+        ),
+        Baseline::None => (0, 0),
+    };
+    (3 + own + stock) * places + tuning
+}
+
+fn measure_scene(
+    arguments: &Arguments,
+    scene: &NamedScene,
+    progress: &mut Progress,
+) -> Result<(SceneReport, String), BevyError> {
+    let name = &scene.name;
+    progress.say(&format!("{name}: loading"));
+    let size = arguments.picture_size();
+    let app = measurable_app(size, |app| {
+        app.add_plugins(ScenesPlugin);
+    });
+    let description = scene.description.clone();
+    let stage = SceneStage::in_app(app, linear_camera(), |world, current| {
+        current.handle = world.resource_mut::<Assets<_>>().add(description);
+        current.spawned = false;
+    });
+    let poses = arguments.poses(scene.description.camera.poses.len());
+    let places: Vec<Transform> = (0..poses).map(|index| stage.pose(index)).collect();
+    let world = stage.headless.app.world();
+    let preset = world.get::<ParallelSplitShadows>(stage.sun).cloned();
+    let preset = preset.unwrap_or_default();
+    let max_map_size = world
+        .resource::<RenderDevice>()
+        .limits()
+        .max_texture_dimension_2d;
+    let info = world.resource::<RenderAdapterInfo>();
+    let adapter = format!("{} ({})", info.name, info.driver_info);
+
+    let mut studio = Studio::new(stage.headless, stage.camera, stage.sun, size);
+    let start = studio.stance();
+    let stances: Vec<Stance> = places
+        .into_iter()
+        .map(|camera| Stance {
+            camera,
+            ..start.clone()
+        })
+        .collect();
+    progress.say(&format!("{name}: tracing rays"));
+    let effort = Effort {
+        rays: RAYS,
+        flicker_poses: FLICKER_POSES,
+        steps: arguments.frames,
+    };
+    let views = studio.survey(&stances, effort, || (0..3).for_each(|_| progress.step()));
+
+    let mut settings: Vec<Setting> = arguments
+        .settings(max_map_size)?
+        .into_iter()
+        .map(|(name, config)| Setting::pssm(name, config))
+        .collect();
+    if settings.is_empty() {
+        settings = grid(&preset, arguments.quick);
+    }
+    if arguments.baseline == Baseline::Bevy {
+        progress.say(&format!("{name}: tuning Bevy's own shadows"));
+        let defaults = |map_size| Stock::new(map_size, preset.far as f32);
+        let tuned = studio.tune(&views, defaults(TUNED_SIZE), arguments.quick, || {
+            progress.step();
+        });
+        for map_size in stock_sizes(arguments.quick) {
+            settings.push(Setting::bevy(
+                format!("bevy {map_size}"),
+                defaults(*map_size),
+            ));
+            let tuned = Stock {
+                map_size: *map_size,
+                ..tuned
+            };
+            settings.push(Setting::bevy(format!("bevy {map_size} tuned"), tuned));
+        }
+    }
+
+    let mut report = SceneReport {
+        name: name.clone(),
+        settings: Vec::new(),
+        rows: Vec::new(),
+        worst_pose: Vec::new(),
+    };
+    for setting in settings {
+        progress.say(&format!("{name}: {}", setting.name));
+        let outcome = studio.measure(&views, &setting, || progress.step());
+        let worst = worst_pose(&views, &outcome);
+        let file = arguments.out.join(picture_name(name, &setting.name));
+        triptych(&views[worst], &outcome, worst).save(file)?;
+        report.rows.push(Row::new(name, &outcome, views.len()));
+        report.worst_pose.push(worst);
+        report.settings.push(setting);
+    }
+    Ok((report, adapter))
+}
+
+fn worst_pose(views: &[View], outcome: &Outcome) -> usize {
+    let wrong = |index: &usize| {
+        let shares = outcome.shots[*index].shares.iter().enumerate();
+        let faults = shares.filter_map(|(i, share)| views[*index].truth.fault(i, (*share)?));
+        faults
+            .filter(|fault| matches!(fault, Fault::Acne | Fault::Leak))
+            .count()
+    };
+    (0..views.len()).max_by_key(wrong).unwrap_or(0)
+}
+
+/// Picture, truth and difference side by side.
+fn triptych(view: &View, outcome: &Outcome, pose: usize) -> RgbImage {
+    let shot = &outcome.shots[pose];
+    let panels = [
+        shot.picture.to_image(view.truth.size()),
+        pictures::truth(&view.truth),
+        pictures::difference(&view.truth, &shot.shares),
+    ];
+    let [width, height] = view.truth.size().to_array();
+    let mut all = RgbImage::new(3 * width, height);
+    for (index, panel) in panels.iter().enumerate() {
+        image::imageops::replace(&mut all, panel, i64::from(width) * index as i64, 0);
+    }
+    all
+}

@@ -1,0 +1,131 @@
+//! Wrong pixels against cost, as SVG and PNG.
+
+use std::path::Path;
+
+use bevy::{ecs::error::BevyError, text::DEFAULT_FONT_DATA};
+use plotters::{coord::Shift, prelude::*, style::register_font};
+
+use crate::{
+    pareto::{Axis, front},
+    study::row::Row,
+};
+
+const SIZE: (u32, u32) = (1400, 640);
+const FONT: &str = "sans-serif";
+
+/// Writes `pareto_SCENE.svg` and `.png`.
+///
+/// # Errors
+/// If they cannot be drawn or written.
+pub fn pareto(out: &Path, scene: &str, rows: &[Row]) -> Result<(), BevyError> {
+    register_font(FONT, FontStyle::Normal, DEFAULT_FONT_DATA).map_err(|_| "the font is broken")?;
+    let path = |end: &str| out.join(format!("pareto_{scene}.{end}"));
+    draw(
+        &SVGBackend::new(&path("svg"), SIZE).into_drawing_area(),
+        scene,
+        rows,
+    )?;
+    draw(
+        &BitMapBackend::new(&path("png"), SIZE).into_drawing_area(),
+        scene,
+        rows,
+    )
+}
+
+fn draw<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    scene: &str,
+    rows: &[Row],
+) -> Result<(), BevyError>
+where
+    B::ErrorType: 'static,
+{
+    area.fill(&WHITE)?;
+    let panels = area.split_evenly((1, 2));
+    for (panel, axis) in panels.iter().zip([Axis::Time, Axis::Memory]) {
+        draw_panel(panel, scene, rows, axis)?;
+    }
+    area.present()?;
+    Ok(())
+}
+
+/// The three kinds of dots.
+const KINDS: [(&str, RGBColor); 3] = [
+    ("bevy_pssm", RGBColor(20, 100, 180)),
+    ("Bevy, tuned", RGBColor(225, 120, 20)),
+    ("Bevy, defaults", RGBColor(150, 150, 150)),
+];
+
+fn kind(row: &Row) -> usize {
+    match (row.technique, row.setting.ends_with("tuned")) {
+        ("pssm", _) => 0,
+        (_, true) => 1,
+        _ => 2,
+    }
+}
+
+fn draw_panel<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    scene: &str,
+    rows: &[Row],
+    axis: Axis,
+) -> Result<(), BevyError>
+where
+    B::ErrorType: 'static,
+{
+    let what = match axis {
+        Axis::Time => "GPU time of the shadow passes (ms, logarithmic)",
+        Axis::Memory => "Memory of the maps (MiB, logarithmic)",
+    };
+    let costs = rows.iter().map(|row| axis.of(row));
+    let (least, most) = costs.fold((f64::INFINITY, 0.0), |(least, most), cost| {
+        (f64::min(least, cost), f64::max(most, cost))
+    });
+    let worst = rows.iter().map(|row| row.wrong_pct).fold(0.0, f64::max);
+    let mut chart = ChartBuilder::on(area)
+        .caption(format!("{scene}: wrong pixels"), (FONT, 20))
+        .margin(14)
+        .x_label_area_size(46)
+        .y_label_area_size(64)
+        .build_cartesian_2d(
+            (0.8 * least.max(1e-3)..1.7 * most.max(1e-2)).log_scale(),
+            0.0..1.1 * worst.max(1e-3),
+        )?;
+    chart
+        .configure_mesh()
+        .x_desc(what)
+        .y_desc("Wrong pixels (% of those that face the sun)")
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| format!("{y:.1}"))
+        .label_style((FONT, 14))
+        .axis_desc_style((FONT, 15))
+        .bold_line_style(BLACK.mix(0.12))
+        .light_line_style(TRANSPARENT)
+        .draw()?;
+
+    let dot = |i: &usize| (axis.of(&rows[*i]), rows[*i].wrong_pct);
+    let best = front(rows, axis);
+    chart.draw_series(LineSeries::new(best.iter().map(dot), BLACK.mix(0.4)))?;
+    for (index, (name, color)) in KINDS.into_iter().enumerate() {
+        let of_kind = (0..rows.len()).filter(|i| kind(&rows[*i]) == index);
+        let dots = of_kind.map(|i| Circle::new(dot(&i), 5, color.filled()));
+        chart
+            .draw_series(dots)?
+            .label(name)
+            .legend(move |at| Circle::new(at, 5, color.filled()));
+    }
+    let names = best.iter().map(|i| {
+        let label = Text::new(rows[*i].setting.clone(), (8, -6), (FONT, 13));
+        EmptyElement::at(dot(i)) + label
+    });
+    chart.draw_series(names)?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .margin(14)
+        .label_font((FONT, 14))
+        .background_style(WHITE)
+        .border_style(BLACK.mix(0.4))
+        .draw()?;
+    Ok(())
+}

@@ -1,0 +1,252 @@
+//! `results.csv`, `report.md` and what they point to.
+
+use core::fmt::Write as _;
+use std::path::Path;
+
+use bevy::prelude::*;
+
+use crate::{
+    pareto::{Axis, front},
+    plot,
+    study::{
+        row::{COLUMNS, Row},
+        settings::{Setting, Technique},
+    },
+};
+
+/// Memory for which a setting is recommended (MiB).
+const MIB_BUDGETS: [f64; 4] = [4.0, 16.0, 64.0, 256.0];
+/// Shadow passes' part of the GPU's time for which a setting is recommended (percent).
+const TIME_BUDGETS: [f64; 4] = [2.0, 5.0, 10.0, 20.0];
+
+/// What a scene's rows are about.
+pub struct SceneReport {
+    /// Name of the scene.
+    pub name: String,
+    /// By row: its setting.
+    pub settings: Vec<Setting>,
+    /// The figures.
+    pub rows: Vec<Row>,
+    /// By row: the pose where it is worst, whose pictures are kept.
+    pub worst_pose: Vec<usize>,
+}
+
+/// Writes the table of all scenes.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_csv(out: &Path, scenes: &[SceneReport]) -> Result<(), BevyError> {
+    let mut csv = csv::Writer::from_path(out.join("results.csv"))?;
+    for row in scenes.iter().flat_map(|scene| &scene.rows) {
+        csv.serialize(row)?;
+    }
+    csv.flush()?;
+    Ok(())
+}
+
+/// Names of the pictures of a row.
+pub fn picture_name(scene: &str, setting: &str) -> String {
+    format!("pictures/{scene}_{}.png", setting.replace(' ', "_"))
+}
+
+/// Writes the report and its plots.
+///
+/// # Errors
+/// If they cannot be written.
+pub fn write(out: &Path, head: &str, scenes: &[SceneReport]) -> Result<(), BevyError> {
+    let mut text = format!(
+        "# Shadow settings: speed, memory and accuracy\n\n{head}\n\nAccuracy is measured against \
+         rays, over the pixels that face the sun. Counts and accuracy repeat exactly; times do \
+         not, and only their ratios within this run mean anything.\n"
+    );
+    for scene in scenes {
+        plot::pareto(out, &scene.name, &scene.rows)?;
+        write_scene(&mut text, scene)?;
+    }
+    write_comparison(&mut text, scenes)?;
+    text.push_str("\n## Columns of results.csv\n\n| column | meaning |\n|---|---|\n");
+    for (name, meaning) in COLUMNS {
+        writeln!(text, "| {name} | {meaning} |")?;
+    }
+    std::fs::write(out.join("report.md"), text)?;
+    Ok(())
+}
+
+fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> {
+    let rows = &scene.rows;
+    let (by_time, by_mib) = (front(rows, Axis::Time), front(rows, Axis::Memory));
+    writeln!(
+        text,
+        "\n## {0}\n\n![Wrong pixels against cost](pareto_{0}.svg)\n",
+        scene.name
+    )?;
+    text.push_str(
+        "| setting | MiB | wrong % | acne % | leak % | stain % | mae % | edge px | flicker % | \
+         texels/px predicted | seen | casters | shadow vertices | primitives | fragments | \
+         shadow ms | share % | plan µs | cull µs |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    for (i, row) in rows.iter().enumerate() {
+        let mark = if by_time.contains(&i) || by_mib.contains(&i) {
+            "**"
+        } else {
+            ""
+        };
+        writeln!(
+            text,
+            "| {mark}{} {}{mark} | {:.0} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {:.3} | {:.3} | {} | {} | {} | {} | {:.2} | {:.1} | {:.0} | {:.0} |",
+            row.technique,
+            row.setting,
+            row.mib,
+            row.wrong_pct,
+            row.acne_pct,
+            row.leak_pct,
+            row.stain_pct,
+            row.mae_pct,
+            row.edge_px_p95,
+            row.flicker_pct,
+            row.predicted_texels_per_pixel,
+            row.seen_texels_per_pixel,
+            row.casters,
+            row.shadow_vertices,
+            row.shadow_primitives,
+            row.shadow_fragments,
+            row.shadow_gpu_ms,
+            row.shadow_share_pct,
+            row.plan_us,
+            row.cull_us,
+        )?;
+    }
+    for row in rows
+        .iter()
+        .filter(|row| row.setting.ends_with("tuned"))
+        .take(1)
+    {
+        writeln!(
+            text,
+            "\nBevy's tuned settings differ from its defaults in: {}.",
+            row.ron
+        )?;
+    }
+    let names = |indices: &[usize]| {
+        let names: Vec<&str> = indices.iter().map(|i| rows[*i].setting.as_str()).collect();
+        names.join(", ")
+    };
+    writeln!(
+        text,
+        "\nNo other setting is better in both wrong pixels and the shadow passes' time: {}.\n\n… \
+         nor in both wrong pixels and memory: {}.\n\nEach of these where it is worst: picture, \
+         truth, and their difference (acne red, leaks blue, stains yellow).\n",
+        names(&by_time),
+        names(&by_mib)
+    )?;
+    for i in 0..rows.len() {
+        if by_time.contains(&i) || by_mib.contains(&i) {
+            writeln!(
+                text,
+                "{} {}, pose {}: ![]({})\n",
+                rows[i].technique,
+                rows[i].setting,
+                scene.worst_pose[i] + 1,
+                picture_name(&scene.name, &rows[i].setting)
+            )?;
+        }
+    }
+    write_recommendations(text, scene)
+}
+
+fn write_recommendations(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> {
+    let within = |fits: &dyn Fn(&Row) -> bool| {
+        let ours = scene.rows.iter().zip(&scene.settings);
+        ours.filter(|(row, setting)| fits(row) && matches!(setting.technique, Technique::Pssm(_)))
+            .min_by(|(a, _), (b, _)| a.wrong_pct.total_cmp(&b.wrong_pct))
+    };
+    let by_mib = MIB_BUDGETS.map(|budget| {
+        (
+            format!("{budget} MiB"),
+            within(&|row: &Row| row.mib <= budget),
+        )
+    });
+    let by_time = TIME_BUDGETS.map(|budget| {
+        (
+            format!("{budget} % of the GPU's time"),
+            within(&|row: &Row| row.shadow_share_pct <= budget),
+        )
+    });
+    writeln!(text, "### Use in {}\n", scene.name)?;
+    let mut told: Vec<(&str, Vec<String>, &Setting)> = Vec::new();
+    for (budget, found) in by_mib.into_iter().chain(by_time) {
+        let Some((_, setting)) = found else {
+            continue;
+        };
+        match told.iter_mut().find(|(name, ..)| *name == setting.name) {
+            Some((_, budgets, _)) => budgets.push(budget),
+            None => told.push((&setting.name, vec![budget], setting)),
+        }
+    }
+    for (name, budgets, setting) in told {
+        let Technique::Pssm(config) = &setting.technique else {
+            continue;
+        };
+        writeln!(
+            text,
+            "Within {}: {name}\n\n```ron\n{}\n```\n",
+            budgets.join(", "),
+            ron::ser::to_string_pretty(config, ron::ser::PrettyConfig::default())?
+        )?;
+    }
+    Ok(())
+}
+
+/// Where Bevy's own shadows are as good or better, at equal texels.
+fn write_comparison(text: &mut String, scenes: &[SceneReport]) -> Result<(), BevyError> {
+    type Figure = (&'static str, fn(&Row) -> f64);
+    const FIGURES: [Figure; 6] = [
+        ("wrong", |row| row.wrong_pct),
+        ("stain", |row| row.stain_pct),
+        ("mae", |row| row.mae_pct),
+        ("edge", |row| row.edge_px_p95),
+        ("flicker", |row| row.flicker_pct),
+        ("shadow vertices", |row| row.shadow_vertices as f64),
+    ];
+    let mut lines = Vec::new();
+    for scene in scenes {
+        let stock = scene.rows.iter().filter(|row| row.technique == "bevy");
+        for bevy in stock {
+            let ours = scene
+                .rows
+                .iter()
+                .filter(|row| row.technique == "pssm" && row.texels == bevy.texels);
+            for ours in ours {
+                let lost: Vec<String> = FIGURES
+                    .iter()
+                    .filter(|(_, figure)| figure(bevy) <= figure(ours) && figure(ours) > 0.0)
+                    .map(|(name, figure)| {
+                        format!("{name} {:.4} against {:.4}", figure(bevy), figure(ours))
+                    })
+                    .collect();
+                if !lost.is_empty() {
+                    lines.push(format!(
+                        "- {}, {} against {}: {}",
+                        scene.name,
+                        bevy.setting,
+                        ours.setting,
+                        lost.join("; ")
+                    ));
+                }
+            }
+        }
+    }
+    if scenes
+        .iter()
+        .flat_map(|s| &s.rows)
+        .all(|row| row.technique == "pssm")
+    {
+        return Ok(());
+    }
+    text.push_str("\n## Where Bevy's own shadows are as good or better, at equal texels\n\n");
+    if lines.is_empty() {
+        lines.push("Nowhere.".to_owned());
+    }
+    writeln!(text, "{}", lines.join("\n"))?;
+    Ok(())
+}

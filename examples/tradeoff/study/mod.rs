@@ -1,0 +1,16 @@
+//! Measuring shadow settings in a scene: how wrong they are against rays, and what they cost.
+
+#![allow(dead_code, reason = "shared with the tests")]
+
+pub mod accuracy;
+pub mod cost;
+pub mod flicker;
+pub mod gather;
+pub mod maps;
+pub mod pictures;
+pub mod row;
+pub mod run;
+pub mod settings;
+pub mod studio;
+pub mod trace;
+pub mod tune;

@@ -1,0 +1,166 @@
+//! What is compared.
+
+use bevy::{light::CascadeShadowConfig, light::CascadeShadowConfigBuilder, prelude::*};
+use bevy_pssm::prelude::*;
+
+/// A way to draw the sun's shadows.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// Name, unique among the settings of a scene.
+    pub name: String,
+    /// Whose shadows, and how.
+    pub technique: Technique,
+}
+
+/// Whose shadows.
+#[derive(Debug, Clone)]
+pub enum Technique {
+    /// The plugin's.
+    Pssm(ParallelSplitShadows),
+    /// Bevy's own.
+    Bevy(Stock),
+}
+
+/// Settings of Bevy's own shadows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stock {
+    /// Texels per side of each of four maps.
+    pub map_size: u32,
+    /// Where the first cascade ends (metres).
+    pub first_far: f32,
+    /// Where the last one ends (metres).
+    pub far: f32,
+    /// `DirectionalLight::shadow_depth_bias`.
+    pub depth_bias: f32,
+    /// `DirectionalLight::shadow_normal_bias`.
+    pub normal_bias: f32,
+}
+
+impl Stock {
+    /// Bevy's defaults, over a distance.
+    pub fn new(map_size: u32, far: f32) -> Self {
+        Self {
+            map_size,
+            first_far: CascadeShadowConfigBuilder::default().first_cascade_far_bound,
+            far,
+            depth_bias: DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
+            normal_bias: DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
+        }
+    }
+
+    /// The light's component.
+    pub fn cascades(&self) -> CascadeShadowConfig {
+        CascadeShadowConfigBuilder {
+            num_cascades: 4,
+            minimum_distance: (0.5 * self.first_far).min(1.0),
+            first_cascade_far_bound: self.first_far,
+            maximum_distance: self.far,
+            ..default()
+        }
+        .build()
+    }
+}
+
+impl Setting {
+    /// One of the plugin's.
+    pub fn pssm(name: impl Into<String>, config: ParallelSplitShadows) -> Self {
+        Self {
+            name: name.into(),
+            technique: Technique::Pssm(config),
+        }
+    }
+
+    /// One of Bevy's.
+    pub fn bevy(name: impl Into<String>, stock: Stock) -> Self {
+        Self {
+            name: name.into(),
+            technique: Technique::Bevy(stock),
+        }
+    }
+
+    /// The setting in words: RON ready to paste, or Bevy's parameters.
+    pub fn ron(&self) -> String {
+        match &self.technique {
+            Technique::Pssm(config) => ron::to_string(config).unwrap_or_default(),
+            Technique::Bevy(stock) => format!(
+                "{}², first bound {} m, normal bias {}, depth bias {}",
+                stock.map_size, stock.first_far, stock.normal_bias, stock.depth_bias
+            ),
+        }
+    }
+
+    /// `bevy` or `pssm`, as in tables.
+    pub fn technique_name(&self) -> &'static str {
+        match self.technique {
+            Technique::Pssm(_) => "pssm",
+            Technique::Bevy(_) => "bevy",
+        }
+    }
+}
+
+/// The plugin's settings that are compared unless others are asked for, over the distances of a
+/// scene's own preset.
+pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
+    let base = ParallelSplitShadows {
+        near: preset.near,
+        far: preset.far,
+        ..default()
+    };
+    let sizes: &[u32] = if quick {
+        &[1024, 2048]
+    } else {
+        &[512, 1024, 2048, 4096]
+    };
+    let with = |change: &dyn Fn(&mut ParallelSplitShadows)| {
+        let mut config = base.clone();
+        change(&mut config);
+        config
+    };
+    let mut settings = Vec::new();
+    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
+        for size in sizes {
+            let config = with(&|config| {
+                config.fit = fit;
+                config.map_size = MapSize::Same(*size);
+            });
+            let name = format!("{fit:?}").to_lowercase();
+            settings.push(Setting::pssm(format!("{name} {size}"), config));
+        }
+    }
+    let stable = |name: &str, change: &dyn Fn(&mut ParallelSplitShadows)| {
+        Setting::pssm(format!("stable 2048 {name}"), with(change))
+    };
+    for lambda in if quick { &[0.8][..] } else { &[0.7, 0.8, 0.95] } {
+        settings.push(stable(&format!("lambda {lambda}"), &|config| {
+            config.splits = SplitScheme::Practical { lambda: *lambda };
+        }));
+    }
+    if quick {
+        return settings;
+    }
+    settings.extend([
+        stable("logarithmic", &|config| {
+            config.splits = SplitScheme::Logarithmic;
+        }),
+        stable("3 cascades", &|config| config.cascades = 3),
+        stable("2 cascades", &|config| config.cascades = 2),
+        Setting::pssm(
+            "stable 4096 halving",
+            with(&|config| config.map_size = MapSize::Halving(4096)),
+        ),
+        Setting::pssm(
+            "stable 4096 near",
+            with(&|config| config.map_size = MapSize::List(vec![4096, 4096, 2048, 2048])),
+        ),
+    ]);
+    settings
+}
+
+/// Bevy's map sizes that are compared.
+pub fn stock_sizes(quick: bool) -> &'static [u32] {
+    if quick {
+        &[1024, 2048]
+    } else {
+        &[512, 1024, 2048, 4096]
+    }
+}

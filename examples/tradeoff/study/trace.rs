@@ -1,0 +1,282 @@
+//! Shadows as they should be, by rays.
+//!
+//! A shadow ray must not hit the triangle it starts from, nor that triangle's neighbours across
+//! a shared edge, yet must hit whatever stands on the surface. So: rays meet triangles in double
+//! precision, the own triangle is left out by its index, and the start is raised along the
+//! triangle's normal by a millionth of its coordinates, the size of the rounding of the
+//! vertices themselves (0.1 mm a hundred metres from the origin). Contact shadows lose no more
+//! than that.
+
+use bevy::{
+    math::{DMat4, DVec2, DVec3},
+    prelude::*,
+    render::render_resource::Face,
+    tasks::{ComputeTaskPool, ParallelSliceMut, TaskPool},
+};
+use obvhs::{
+    BvhBuildParams,
+    aabb::Aabb,
+    bvh2::{Bvh2, builder::build_bvh2},
+    ray::{Ray, RayHit},
+};
+
+use super::gather::Geometry;
+
+/// Start of a shadow ray above its surface, as a share of the point's largest coordinate.
+const LIFT: f64 = 1e-6;
+
+/// By how much a triangle's box is larger than it, as a share of its largest coordinate: rays
+/// meet boxes in single precision, and must not pass by one whose triangle they hit.
+const PADDING: f32 = 1e-5;
+
+/// What a camera looks through.
+#[derive(Debug, Clone, Copy)]
+pub struct Lens {
+    /// From world space to clip space, as the GPU has it.
+    pub clip_from_world: DMat4,
+    /// Pixels.
+    pub size: UVec2,
+}
+
+impl Lens {
+    /// A camera's.
+    pub fn of(transform: &GlobalTransform, projection: &Projection, size: UVec2) -> Self {
+        let view_from_world = transform.to_matrix().as_dmat4().inverse();
+        Self {
+            clip_from_world: projection.get_clip_from_view().as_dmat4() * view_from_world,
+            size,
+        }
+    }
+
+    /// Pixel coordinates of a point in world space; `None` behind the camera.
+    pub fn pixel(&self, point: DVec3) -> Option<DVec2> {
+        let clip = self.clip_from_world * point.extend(1.0);
+        let ndc = clip.truncate() / clip.w;
+        let at = (ndc.truncate() * DVec2::new(0.5, -0.5) + 0.5) * self.size.as_dvec2();
+        (clip.w > 0.0).then_some(at)
+    }
+
+    /// Width of a pixel at a point in world space (metres).
+    pub fn pixel_size(&self, point: DVec3) -> f64 {
+        let [y, w] = [1, 3].map(|row| self.clip_from_world.row(row));
+        2.0 * w.dot(point.extend(1.0)) / (y.truncate().length() * f64::from(self.size.y))
+    }
+
+    /// Whether two neighbouring samples lie on one surface: the second within two pixels' widths
+    /// of the first one's plane.
+    pub fn same_surface(&self, centre: &Sample, other: &Sample) -> bool {
+        let off_plane = (other.point - centre.point).dot(centre.normal).abs();
+        off_plane < 2.0 * self.pixel_size(centre.point)
+    }
+
+    /// Start and direction of the ray through a place in the picture (pixels).
+    fn ray(&self, world_from_clip: &DMat4, x: f64, y: f64) -> (DVec3, DVec3) {
+        let ndc = DVec2::new(x, y) / self.size.as_dvec2();
+        let (x, y) = (2.0 * ndc.x - 1.0, 1.0 - 2.0 * ndc.y);
+        let near = world_from_clip.project_point3(DVec3::new(x, y, 1.0));
+        let beyond = world_from_clip.project_point3(DVec3::new(x, y, 0.5));
+        (near, (beyond - near).normalize())
+    }
+}
+
+/// What a ray through the picture found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Where (world space, metres).
+    pub point: DVec3,
+    /// Normal of the side that is seen.
+    pub normal: DVec3,
+    /// The triangle.
+    pub triangle: u32,
+    /// Whether the side seen faces the sun and shows its light.
+    pub faces_sun: bool,
+    /// Whether nothing stands between it and the sun.
+    pub lit: bool,
+}
+
+/// A scene, ready for rays.
+pub struct Tracer {
+    geometry: Geometry,
+    bvh: Bvh2,
+}
+
+impl Tracer {
+    /// Sorts the triangles.
+    pub fn new(geometry: Geometry) -> Self {
+        let boxes: Vec<Aabb> = geometry.triangles.iter().map(padded_box).collect();
+        let bvh = build_bvh2(
+            &boxes,
+            BvhBuildParams::medium_build(),
+            &mut core::time::Duration::default(),
+        );
+        ComputeTaskPool::get_or_init(TaskPool::default);
+        Self { geometry, bvh }
+    }
+
+    /// What is seen at every pixel's centre, row by row, and whether the sun shines there.
+    /// `to_sun` is a unit vector in world space.
+    pub fn picture(&self, lens: &Lens, to_sun: DVec3) -> Vec<Option<Sample>> {
+        let [width, height] = lens.size.to_array().map(|side| side as usize);
+        let world_from_clip = lens.clip_from_world.inverse();
+        let mut samples = vec![None; width * height];
+        samples.par_chunk_map_mut(ComputeTaskPool::get(), width, |y, row| {
+            for (x, sample) in row.iter_mut().enumerate() {
+                let at = [x as f64 + 0.5, y as f64 + 0.5];
+                *sample = self.sample(lens, &world_from_clip, at, to_sun);
+            }
+        });
+        samples
+    }
+
+    /// The share of each pixel that the sun shines on, of what belongs to the surface at the
+    /// pixel's centre and faces the sun; by `n × n` rays wherever the centres of the pixels
+    /// around do not agree. `None` where the centre does not face the sun.
+    pub fn shares(
+        &self,
+        lens: &Lens,
+        to_sun: DVec3,
+        centres: &[Option<Sample>],
+        n: u32,
+    ) -> Vec<Option<f32>> {
+        let [width, height] = lens.size.to_array().map(|side| side as usize);
+        let world_from_clip = lens.clip_from_world.inverse();
+        let kind = |x: usize, y: usize| {
+            centres[y * width + x].map(|sample| (sample.faces_sun, sample.lit))
+        };
+        let mut shares = vec![None; width * height];
+        shares.par_chunk_map_mut(ComputeTaskPool::get(), width, |y, row| {
+            for (x, share) in row.iter_mut().enumerate() {
+                let Some(centre) = centres[y * width + x].filter(|sample| sample.faces_sun) else {
+                    continue;
+                };
+                let around = |v: usize, end: usize| v.saturating_sub(1)..(v + 2).min(end);
+                let agree =
+                    around(y, height).all(|j| around(x, width).all(|i| kind(i, j) == kind(x, y)));
+                *share = Some(f32::from(u8::from(centre.lit)));
+                if agree {
+                    continue;
+                }
+                let (mut lit, mut all) = (0, 0);
+                for step in 0..n * n {
+                    let place = |corner: usize, step: u32| {
+                        corner as f64 + (f64::from(step) + 0.5) / f64::from(n)
+                    };
+                    let at = [place(x, step % n), place(y, step / n)];
+                    let sample = self
+                        .sample(lens, &world_from_clip, at, to_sun)
+                        .filter(|sample| sample.faces_sun && lens.same_surface(&centre, sample));
+                    if let Some(sample) = sample {
+                        all += 1;
+                        lit += u32::from(sample.lit);
+                    }
+                }
+                if all > 0 {
+                    *share = Some(lit as f32 / all as f32);
+                }
+            }
+        });
+        shares
+    }
+
+    fn sample(
+        &self,
+        lens: &Lens,
+        world_from_clip: &DMat4,
+        [x, y]: [f64; 2],
+        to_sun: DVec3,
+    ) -> Option<Sample> {
+        let (start, direction) = lens.ray(world_from_clip, x, y);
+        let (triangle, distance) = self.first_hit(start, direction)?;
+        let mut normal = self.normal(triangle);
+        if normal.dot(direction) > 0.0 {
+            normal = -normal;
+        }
+        let mut sample = Sample {
+            point: start + distance * direction,
+            normal,
+            triangle,
+            faces_sun: self.geometry.surface(triangle).receives && normal.dot(to_sun) > 0.0,
+            lit: false,
+        };
+        sample.lit = sample.faces_sun && self.is_lit(&sample, to_sun);
+        Some(sample)
+    }
+
+    /// Whether nothing stands between a sample and the sun.
+    pub fn is_lit(&self, sample: &Sample, to_sun: DVec3) -> bool {
+        let lift = LIFT * sample.point.abs().max_element().max(1.0);
+        let start = sample.point + sample.normal * lift;
+        let ray = Ray::new_inf(start.as_vec3a(), to_sun.as_vec3a());
+        self.bvh.ray_traverse_miss(ray, |_, id| {
+            let triangle = self.bvh.primitive_indices[id];
+            let blocks = triangle != sample.triangle
+                && self.geometry.surface(triangle).casts
+                // Casters are drawn as seen from the sun.
+                && self.is_drawn(triangle, -to_sun)
+                && self.intersect(triangle, start, to_sun).is_some();
+            if blocks { 0.0 } else { f32::INFINITY }
+        })
+    }
+
+    fn first_hit(&self, start: DVec3, direction: DVec3) -> Option<(u32, f64)> {
+        let ray = Ray::new_inf(start.as_vec3a(), direction.as_vec3a());
+        let mut nearest: Option<(u32, f64)> = None;
+        self.bvh.ray_traverse(ray, &mut RayHit::none(), |_, id| {
+            let triangle = self.bvh.primitive_indices[id];
+            let drawn = self.is_drawn(triangle, direction);
+            match self.intersect(triangle, start, direction).filter(|_| drawn) {
+                Some(distance) => {
+                    if nearest.is_none_or(|(_, least)| distance < least) {
+                        nearest = Some((triangle, distance));
+                    }
+                    // Rounded up, that nothing nearer is skipped.
+                    (distance as f32).next_up()
+                }
+                None => f32::INFINITY,
+            }
+        });
+        nearest
+    }
+
+    fn normal(&self, triangle: u32) -> DVec3 {
+        let [a, b, c] = self.geometry.triangles[triangle as usize].map(|p| p.as_dvec3());
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// Whether the side that a ray in this direction meets is drawn at all.
+    fn is_drawn(&self, triangle: u32, direction: DVec3) -> bool {
+        let is_back = || self.normal(triangle).dot(direction) > 0.0;
+        match self.geometry.surface(triangle).culled {
+            Some(Face::Back) => !is_back(),
+            Some(Face::Front) => is_back(),
+            None => true,
+        }
+    }
+
+    /// Distance to a triangle along a ray (Möller and Trumbore 1997), if it is hit where it is
+    /// solid.
+    fn intersect(&self, triangle: u32, start: DVec3, direction: DVec3) -> Option<f64> {
+        let [a, b, c] = self.geometry.triangles[triangle as usize].map(|p| p.as_dvec3());
+        let (ab, ac) = (b - a, c - a);
+        let p = direction.cross(ac);
+        let det = ab.dot(p);
+        let from_a = start - a;
+        let u = from_a.dot(p) / det;
+        let q = from_a.cross(ab);
+        let v = direction.dot(q) / det;
+        let distance = ac.dot(q) / det;
+        let hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0;
+        let weights = DVec2::new(u, v).as_vec2();
+        (hit && self.geometry.is_solid(triangle, weights)).then_some(distance)
+    }
+}
+
+fn padded_box(corners: &[Vec3; 3]) -> Aabb {
+    let [a, b, c] = corners;
+    let (least, most) = (a.min(*b).min(*c), a.max(*b).max(*c));
+    let padding = PADDING * least.abs().max(most.abs()).max_element().max(1.0);
+    Aabb {
+        min: (least - padding).into(),
+        max: (most + padding).into(),
+    }
+}

@@ -1,0 +1,85 @@
+//! Face partitioning (Lloyd et al. 2006, §5.1): a map of its own for every face of the view
+//! volume at which rays of light have their smallest depth.
+//!
+//! Planes through the volume's edges and the light cut it into pieces, each of which casts its
+//! footprint on one face: to cover the face is to cover the piece.
+
+use glam::DVec3;
+
+use super::{
+    aliasing::Aliasing,
+    slice::{Slice, ViewVolume},
+    warp::{BodyVertex, WarpFrame, forward, slice_vertices},
+};
+
+/// A face of a slice and how its map is warped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Face {
+    /// The frame of its map.
+    pub frame: WarpFrame,
+    /// Its corners.
+    pub vertices: [BodyVertex; 4],
+    /// Strength of the warp (1/metres).
+    pub strength: f64,
+}
+
+/// Faces seen at a smaller sine than this are edge-on, and have no area to map.
+const EDGE_ON: f64 = 1e-9;
+
+impl Face {
+    /// The worst aliasing of the face's map, for an image one pixel high.
+    pub fn worst_aliasing(&self) -> Option<Aliasing> {
+        self.frame.worst_aliasing(&self.vertices, self.strength)
+    }
+}
+
+/// The sides of a slice of a perspective view that get a map: those that face the light if it
+/// comes from behind the camera, those that face away from it otherwise. None if `to_light` has
+/// no direction.
+///
+/// The warp runs along the bisector of the side's two edges as the light sees them, and is as
+/// strong as makes errors along it equal at both ends.
+pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
+    let vertices = slice_vertices(slice);
+    (0..4)
+        .filter_map(|side| {
+            let next = (side + 1) % 4;
+            let quad = [side, next, side + 4, next + 4].map(|corner| vertices[corner]);
+            let [a, b, c, d] = quad.map(|vertex| vertex.position);
+            let edges = [c - a, d - b];
+
+            let normal = edges[0].cross(edges[1]).try_normalize()?;
+            let outward = normal * normal.dot(a - slice.centre).signum();
+            let facing = outward.dot(to_light.try_normalize()?);
+            let from_behind = forward(view)?.dot(to_light) <= 0.0;
+            if facing.abs() < EDGE_ON || (facing > 0.0) != from_behind {
+                return None;
+            }
+
+            let [left, right] = edges.map(|edge| edge.reject_from(to_light).normalize_or_zero());
+            let frame = WarpFrame::new(view.eye, left + right, to_light)?;
+            let (near_line, far_line) = frame.lines(&quad);
+            let ratio = quad[2].image_height / quad[0].image_height;
+            Some(Face {
+                frame,
+                vertices: quad,
+                strength: (ratio.sqrt() - 1.0) / (far_line - near_line),
+            })
+        })
+        .collect()
+}
+
+/// The near face of a slice, whose map needs no warp: the image is equally wide all over it.
+/// `None` if the light sees it edge-on.
+pub fn near(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Option<Face> {
+    let facing = forward(view)?.dot(to_light.try_normalize()?);
+    if facing.abs() < EDGE_ON {
+        return None;
+    }
+    let [a, b, c, d, ..] = slice_vertices(slice);
+    Some(Face {
+        frame: WarpFrame::new(view.eye, view.axes.y_axis, to_light)?,
+        vertices: [a, b, c, d],
+        strength: 0.0,
+    })
+}
