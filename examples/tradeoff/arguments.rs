@@ -20,7 +20,7 @@ pub struct Arguments {
     /// Settings of the plugin to measure instead of the built-in grid (`*.shadows.ron`).
     #[arg(long, num_args = 1.., value_name = "FILE")]
     pub shadows: Vec<PathBuf>,
-    /// Size of the pictures (pixels). Default 800x600, or 400x300 with `--quick`.
+    /// Size of the pictures (pixels). Default 800x600, or 320x240 with `--quick`.
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<UVec2>,
     /// Poses of each scene, the first ones. Default 4, or 2 with `--quick`.
@@ -72,7 +72,7 @@ impl Arguments {
     /// Size of the pictures.
     pub fn picture_size(&self) -> UVec2 {
         let default = if self.quick {
-            UVec2::new(400, 300)
+            UVec2::new(320, 240)
         } else {
             UVec2::new(800, 600)
         };

@@ -34,7 +34,6 @@ use report::{SceneReport, picture_name};
 use scene::ScenesPlugin;
 use scene_stage::SceneStage;
 use study::{
-    accuracy::Fault,
     flicker::Motion,
     pictures,
     row::Row,
@@ -203,14 +202,8 @@ fn measure_scene(
 }
 
 fn worst_pose(views: &[View], outcome: &Outcome) -> usize {
-    let wrong = |index: &usize| {
-        let shares = outcome.shots[*index].shares.iter().enumerate();
-        let faults = shares.filter_map(|(i, share)| views[*index].truth.fault(i, (*share)?));
-        faults
-            .filter(|fault| matches!(fault, Fault::Acne | Fault::Leak))
-            .count()
-    };
-    (0..views.len()).max_by_key(wrong).unwrap_or(0)
+    let faults = |index: &usize| views[*index].truth.faults(&outcome.shots[*index].shares);
+    (0..views.len()).max_by_key(faults).unwrap_or(0)
 }
 
 /// Picture, truth and difference side by side.

@@ -94,6 +94,7 @@ where
     chart
         .configure_mesh()
         .x_desc(what)
+        .x_labels(12)
         .y_desc("Wrong pixels (% of those that face the sun)")
         .x_label_formatter(&|x| format!("{x:.0}"))
         .y_label_formatter(&|y| format!("{y:.1}"))

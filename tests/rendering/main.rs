@@ -2,10 +2,16 @@
 
 #[path = "../../examples/common/headless.rs"]
 mod headless;
+#[path = "../../examples/common/measure.rs"]
+mod measure;
+#[path = "../../examples/tradeoff/pareto.rs"]
+mod pareto;
 #[path = "../../examples/scenes/mod.rs"]
 mod scene;
 #[path = "../../examples/common/scene_stage.rs"]
 mod scene_stage;
+#[path = "../../examples/tradeoff/study/mod.rs"]
+mod study;
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
@@ -18,3 +24,4 @@ mod scenes;
 mod shader_module;
 mod stability;
 mod stage;
+mod tradeoff;

@@ -99,6 +99,13 @@ impl Truth {
         })
     }
 
+    /// How many pixels of a picture have a fault.
+    pub fn faults(&self, shares: &[Option<f32>]) -> usize {
+        let shares = shares.iter().enumerate();
+        let faults = shares.filter_map(|(i, share)| self.fault(i, (*share)?));
+        faults.filter(|fault| *fault != Fault::None).count()
+    }
+
     fn light(&self, pixel: usize) -> Option<f32> {
         let sample = self.samples[pixel].filter(|sample| sample.faces_sun)?;
         Some(f32::from(u8::from(sample.lit)))

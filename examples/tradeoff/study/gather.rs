@@ -69,6 +69,18 @@ fn bilinear_alpha(image: &Image, uv: Vec2) -> f32 {
     row(low.y).lerp(row(low.y + 1.0), share.y)
 }
 
+impl Surface {
+    /// A solid, one-sided surface that casts and shows shadows.
+    pub fn plain() -> Self {
+        Self {
+            casts: true,
+            receives: true,
+            culled: Some(Face::Back),
+            mask: None,
+        }
+    }
+}
+
 impl Geometry {
     /// Gathers what is in a world. Entities that are hidden are left out; those without a
     /// `StandardMaterial` too.

@@ -84,7 +84,7 @@ pub const COLUMNS: [(&str, &str); 35] = [
 ];
 
 /// What a setting is worth in a scene; fields as in [`COLUMNS`].
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Default, Clone, PartialEq, Serialize)]
 pub struct Row {
     pub scene: String,
     pub setting: String,

@@ -1,7 +1,7 @@
 //! From a scene and settings to figures.
 
 use super::{
-    accuracy::{Accuracy, Fault, Figures, Truth},
+    accuracy::{Accuracy, Figures, Truth},
     cost::Frame,
     flicker::{Flips, Motion, Still, follow, steady},
     gather::Geometry,
@@ -126,13 +126,18 @@ impl Studio {
     }
 
     /// Measures a setting. `done` is called after each frame.
-    pub fn measure(
+    pub fn measure(&mut self, views: &[View], setting: &Setting, done: impl FnMut()) -> Outcome {
+        self.apply(setting);
+        self.observe(views, setting, done)
+    }
+
+    /// Measures what is in force, which should be a setting or something close to it.
+    pub fn observe(
         &mut self,
         views: &[View],
         setting: &Setting,
         mut done: impl FnMut(),
     ) -> Outcome {
-        self.apply(setting);
         let ours = matches!(setting.technique, Technique::Pssm(_));
         let (camera, sun, height) = (self.camera, self.sun, f64::from(self.size.y));
         let mut accuracy = Accuracy::default();
@@ -182,19 +187,13 @@ impl Studio {
         }
     }
 
-    /// How many pixels are wrong at all views, under the setting in force.
-    pub fn wrong_pixels(&mut self, views: &[View], mut done: impl FnMut()) -> usize {
-        let wrong = |view: &View| {
+    /// How many pixels of all views have a fault, under the setting in force.
+    pub fn faults(&mut self, views: &[View], mut done: impl FnMut()) -> usize {
+        let of_view = |view: &View| {
             let shares = self.take(&view.still).shares;
             done();
-            let faults = shares
-                .iter()
-                .enumerate()
-                .filter_map(|(i, share)| view.truth.fault(i, (*share)?));
-            faults
-                .filter(|fault| matches!(fault, Fault::Acne | Fault::Leak))
-                .count()
+            view.truth.faults(&shares)
         };
-        views.iter().map(wrong).sum()
+        views.iter().map(of_view).sum()
     }
 }
