@@ -3,6 +3,8 @@
 //! same maps, as the plugin draws its own, with a span that counts. For one camera only, since
 //! cameras share Bevy's maps in turn.
 
+#![allow(dead_code, reason = "shared by several binaries")]
+
 use bevy::{
     core_pipeline::schedule::{Core3d, Core3dSystems, RootNonCameraView},
     diagnostic::{DiagnosticPath, DiagnosticsStore},

@@ -93,9 +93,8 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> 
         };
         writeln!(
             text,
-            "| {mark}{} {}{mark} | {:.0} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {:.3} | {:.3} | {} | {} | {} | {} | {:.2} | {:.1} | {:.0} | {:.0} |",
-            row.technique,
-            row.setting,
+            "| {mark}{}{mark} | {:.0} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} | {:.2} | {:.4} | {:.3} | {:.3} | {} | {} | {} | {} | {:.2} | {:.1} | {:.0} | {:.0} |",
+            full_name(row),
             row.mib,
             row.wrong_pct,
             row.acne_pct,
@@ -123,7 +122,7 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> 
     {
         writeln!(
             text,
-            "\nBevy's tuned settings differ from its defaults in: {}.",
+            "\nBevy's tuned settings, likewise at all sizes: {}.",
             row.ron
         )?;
     }
@@ -139,19 +138,26 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> 
         names(&by_time),
         names(&by_mib)
     )?;
-    for i in 0..rows.len() {
+    for (i, row) in rows.iter().enumerate() {
         if by_time.contains(&i) || by_mib.contains(&i) {
             writeln!(
                 text,
-                "{} {}, pose {}: ![]({})\n",
-                rows[i].technique,
-                rows[i].setting,
+                "{}, pose {}: ![]({})\n",
+                full_name(row),
                 scene.worst_pose[i] + 1,
-                picture_name(&scene.name, &rows[i].setting)
+                picture_name(&scene.name, &row.setting)
             )?;
         }
     }
     write_recommendations(text, scene)
+}
+
+/// `pssm stable 2048`, `bevy 2048 tuned`.
+fn full_name(row: &Row) -> String {
+    match row.technique {
+        "bevy" => row.setting.clone(),
+        technique => format!("{technique} {}", row.setting),
+    }
 }
 
 fn write_recommendations(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> {
@@ -197,56 +203,52 @@ fn write_recommendations(text: &mut String, scene: &SceneReport) -> Result<(), B
     Ok(())
 }
 
+/// A figure of which less is better.
+type Figure = (&'static str, fn(&Row) -> f64);
+
+const FIGURES: [Figure; 6] = [
+    ("wrong %", |row| row.wrong_pct),
+    ("stain %", |row| row.stain_pct),
+    ("mae %", |row| row.mae_pct),
+    ("edge px", |row| row.edge_px_p95),
+    ("flicker %", |row| row.flicker_pct),
+    ("shadow vertices", |row| row.shadow_vertices as f64),
+];
+
 /// Where Bevy's own shadows are as good or better, at equal texels.
 fn write_comparison(text: &mut String, scenes: &[SceneReport]) -> Result<(), BevyError> {
-    type Figure = (&'static str, fn(&Row) -> f64);
-    const FIGURES: [Figure; 6] = [
-        ("wrong", |row| row.wrong_pct),
-        ("stain", |row| row.stain_pct),
-        ("mae", |row| row.mae_pct),
-        ("edge", |row| row.edge_px_p95),
-        ("flicker", |row| row.flicker_pct),
-        ("shadow vertices", |row| row.shadow_vertices as f64),
-    ];
-    let mut lines = Vec::new();
-    for scene in scenes {
-        let stock = scene.rows.iter().filter(|row| row.technique == "bevy");
-        for bevy in stock {
-            let ours = scene
-                .rows
-                .iter()
-                .filter(|row| row.technique == "pssm" && row.texels == bevy.texels);
-            for ours in ours {
-                let lost: Vec<String> = FIGURES
-                    .iter()
-                    .filter(|(_, figure)| figure(bevy) <= figure(ours) && figure(ours) > 0.0)
-                    .map(|(name, figure)| {
-                        format!("{name} {:.4} against {:.4}", figure(bevy), figure(ours))
-                    })
-                    .collect();
-                if !lost.is_empty() {
-                    lines.push(format!(
-                        "- {}, {} against {}: {}",
-                        scene.name,
-                        bevy.setting,
-                        ours.setting,
-                        lost.join("; ")
-                    ));
-                }
-            }
-        }
-    }
-    if scenes
+    let is_stock = |row: &&Row| row.technique == "bevy";
+    if !scenes
         .iter()
-        .flat_map(|s| &s.rows)
-        .all(|row| row.technique == "pssm")
+        .flat_map(|scene| &scene.rows)
+        .any(|row| is_stock(&row))
     {
         return Ok(());
     }
-    text.push_str("\n## Where Bevy's own shadows are as good or better, at equal texels\n\n");
-    if lines.is_empty() {
-        lines.push("Nowhere.".to_owned());
+    text.push_str(
+        "\n## Where Bevy's own shadows are as good or better, at equal texels\n\nAgainst the \
+         plugin's setting that is best by each figure.\n\n| scene | Bevy's setting | figure: Bevy \
+         against the plugin |\n|---|---|---|\n",
+    );
+    for scene in scenes {
+        for stock in scene.rows.iter().filter(is_stock) {
+            let ours = scene
+                .rows
+                .iter()
+                .filter(|row| !is_stock(row) && row.texels == stock.texels);
+            let lost = |(name, figure): &Figure| {
+                let best = ours.clone().map(figure).min_by(f64::total_cmp)?;
+                let lost = best > 0.0 && figure(stock) <= best;
+                lost.then(|| format!("{name}: {:.4} against {best:.4}", figure(stock)))
+            };
+            let lost: Vec<String> = FIGURES.iter().filter_map(lost).collect();
+            let lost = if lost.is_empty() {
+                "none".to_owned()
+            } else {
+                lost.join("; ")
+            };
+            writeln!(text, "| {} | {} | {lost} |", scene.name, stock.setting)?;
+        }
     }
-    writeln!(text, "{}", lines.join("\n"))?;
     Ok(())
 }

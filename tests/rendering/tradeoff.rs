@@ -495,6 +495,8 @@ fn a_front_has_what_nothing_dominates() {
         row(16.0, 1.0),
     ];
     assert_eq!(front(&rows, Axis::Memory), [1, 2, 4]);
+    // All cost no time: the best of all remains.
+    assert_eq!(front(&rows, Axis::Time), [4]);
 }
 
 /// A straight edge of a shadow across the picture's columns, under a sun overhead. The hardware

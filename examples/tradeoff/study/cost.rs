@@ -4,6 +4,7 @@ use bevy::{
     camera::visibility::{CascadesVisibleEntities, VisibilitySystems},
     ecs::schedule::{SingleThreadedExecutor, SystemSet},
     light::{DirectionalLightShadowMap, SimulationLightSystems},
+    mesh::Indices,
     platform::time::Instant,
     prelude::*,
 };
@@ -34,7 +35,7 @@ impl Frame {
         let triangles_of = |entity: &Entity| {
             let mesh = world.get::<Mesh3d>(*entity).and_then(|m| meshes.get(&m.0));
             mesh.map_or(0, |mesh| {
-                mesh.indices().map_or(mesh.count_vertices(), |i| i.len()) / 3
+                mesh.indices().map_or(mesh.count_vertices(), Indices::len) / 3
             })
         };
         let lists = world

@@ -73,7 +73,7 @@ impl Studio {
         let height = self.size.y as f32;
         let mut view = |(index, stance): (usize, &Stance)| {
             let still = self.still(&tracer, stance, None);
-            let to_sun = self.to_sun();
+            let to_sun = self.sun_direction();
             let shares = tracer.shares(&still.lens, to_sun, &still.samples, effort.rays);
             done();
             let mut motions = Vec::new();
@@ -101,7 +101,7 @@ impl Studio {
     fn still(&mut self, tracer: &Tracer, stance: &Stance, before: Option<&Still>) -> Still {
         self.place(stance);
         let reference = self.reference();
-        let (lens, to_sun) = (self.lens(), self.to_sun());
+        let (lens, to_sun) = (self.lens(), self.sun_direction());
         Still {
             stance: stance.clone(),
             lens,

@@ -144,6 +144,8 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         stable("logarithmic", &|config| {
             config.splits = SplitScheme::Logarithmic;
         }),
+        stable("no blend", &|config| config.blend = 0.0),
+        stable("no fade", &|config| config.fade = 0.0),
         stable("3 cascades", &|config| config.cascades = 3),
         stable("2 cascades", &|config| config.cascades = 2),
         Setting::pssm(

@@ -162,7 +162,7 @@ impl Studio {
     }
 
     /// Unit vector to the sun, in world space, of the last frame.
-    pub fn to_sun(&mut self) -> DVec3 {
+    pub fn sun_direction(&mut self) -> DVec3 {
         let sun = self.sun;
         let transform = self.world().get::<GlobalTransform>(sun).copied();
         transform.unwrap_or_default().back().as_dvec3().normalize()

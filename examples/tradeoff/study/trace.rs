@@ -239,7 +239,7 @@ impl Tracer {
     }
 
     fn normal(&self, triangle: u32) -> DVec3 {
-        let [a, b, c] = self.geometry.triangles[triangle as usize].map(|p| p.as_dvec3());
+        let [a, b, c] = self.geometry.triangles[triangle as usize].map(Vec3::as_dvec3);
         (b - a).cross(c - a).normalize_or_zero()
     }
 
@@ -256,7 +256,7 @@ impl Tracer {
     /// Distance to a triangle along a ray (Möller and Trumbore 1997), if it is hit where it is
     /// solid.
     fn intersect(&self, triangle: u32, start: DVec3, direction: DVec3) -> Option<f64> {
-        let [a, b, c] = self.geometry.triangles[triangle as usize].map(|p| p.as_dvec3());
+        let [a, b, c] = self.geometry.triangles[triangle as usize].map(Vec3::as_dvec3);
         let (ab, ac) = (b - a, c - a);
         let p = direction.cross(ac);
         let det = ab.dot(p);
