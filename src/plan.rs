@@ -46,15 +46,16 @@ pub struct CascadeMap {
     pub hull: CasterHull,
     /// The worst aliasing over the slice, for a map of one texel and an image one pixel high
     /// (Lloyd et al. 2006, Eq. 1, perspective part). For the first cascade, from the
-    /// configuration's `near` on: at the eye no map is large enough.
-    pub aliasing: Aliasing,
+    /// configuration's `near` on: at the eye no map is large enough. `None` where the map has no
+    /// image of a corner.
+    pub aliasing: Option<Aliasing>,
 }
 
 impl CascadePlan {
     /// Texels across a pixel where they are fewest, in an image `image_height` pixels high:
     /// below one, texels show. `None` without a map.
     pub fn texels_per_pixel(&self, image_height: f64) -> Option<f64> {
-        let aliasing = self.map.as_ref()?.aliasing;
+        let aliasing = self.map.as_ref()?.aliasing?;
         let pixels_per_texel = aliasing.pixels_per_texel(f64::from(self.map_size), image_height);
         Some(pixels_per_texel.max_element().recip())
     }
@@ -130,7 +131,7 @@ fn plan_map(
         &clip_from_world,
         [light.x, light.y],
         seen.as_ref().unwrap_or(&slice),
-    )?;
+    );
     let margin = reach.texels * map.texel.max_element() + reach.metres;
     Some(CascadeMap {
         clip_from_world,

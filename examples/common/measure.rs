@@ -25,6 +25,8 @@ use bevy::{
 use bevy_pssm::render::{AdoptedMap, PssmRenderSystems, SHADOW_PASS_SPAN};
 
 const STOCK_SPAN: &str = "builtin_shadow_map";
+/// Bevy's name for opaque and masked surfaces' pass.
+const MAIN_SPAN: &str = "main_opaque_pass_3d";
 
 /// Makes both passes' counts available.
 pub struct MeasurePlugin;
@@ -116,7 +118,11 @@ pub struct Counts {
     pub fragments: f64,
     /// Their time (milliseconds).
     pub milliseconds: f64,
-    /// Fragment shader invocations of the main pass.
+    /// Vertex shader invocations of the main pass.
+    pub main_vertices: f64,
+    /// Primitives that reached its clipper.
+    pub main_primitives: f64,
+    /// Its fragment shader invocations.
     pub main_fragments: f64,
     /// Its time (milliseconds).
     pub main_milliseconds: f64,
@@ -140,7 +146,9 @@ pub fn counts(store: &DiagnosticsStore, ours: bool, since: Instant) -> Counts {
         primitives: total("clipper_invocations"),
         fragments: total("fragment_shader_invocations"),
         milliseconds: total("elapsed_gpu"),
-        main_fragments: value("main_opaque_pass_3d", "fragment_shader_invocations"),
-        main_milliseconds: value("main_opaque_pass_3d", "elapsed_gpu"),
+        main_vertices: value(MAIN_SPAN, "vertex_shader_invocations"),
+        main_primitives: value(MAIN_SPAN, "clipper_invocations"),
+        main_fragments: value(MAIN_SPAN, "fragment_shader_invocations"),
+        main_milliseconds: value(MAIN_SPAN, "elapsed_gpu"),
     }
 }

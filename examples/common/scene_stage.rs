@@ -38,21 +38,22 @@ impl SceneStage {
             app.add_plugins((PssmPlugin, ScenesPlugin));
             setup(app);
         });
-        Self::in_app(headless, camera, |world, current| {
+        let stage = Self::in_app(headless, camera, |world, current| {
             current.load(name, world.resource::<AssetServer>());
-        })
+        });
+        stage.unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
     /// As [`SceneStage::new`], in an app that has `PssmPlugin` and `ScenesPlugin` already.
     /// `choose` says which scene.
     ///
-    /// # Panics
+    /// # Errors
     /// If the scene or its preset does not load.
     pub fn in_app(
         mut headless: Headless,
         camera: impl Bundle,
         choose: impl FnOnce(&mut World, &mut CurrentScene),
-    ) -> Self {
+    ) -> Result<Self, String> {
         let target = headless.render_target();
         let world = headless.app.world_mut();
         let camera = world
@@ -66,25 +67,29 @@ impl SceneStage {
                 world.query_filtered::<Entity, (With<SceneSun>, With<ParallelSplitShadows>)>();
             let sun = suns.iter(world).next();
             let handle = &world.resource::<CurrentScene>().handle;
-            if let Some(LoadState::Failed(error)) =
-                world.resource::<AssetServer>().get_load_state(handle)
-            {
-                panic!("the scene did not load: {error}");
+            let presets = world.try_query::<&ShadowPreset>();
+            let preset = presets.and_then(|mut presets| Some(presets.iter(world).next()?.0.id()));
+            let assets = world.resource::<AssetServer>();
+            for asset in [Some(handle.id().untyped()), preset.map(AssetId::untyped)] {
+                let state = asset.and_then(|asset| assets.get_load_state(asset));
+                if let Some(LoadState::Failed(error)) = state {
+                    return Err(error.to_string());
+                }
             }
             let Some(sun) = sun else {
                 continue;
             };
             let scenes = world.resource::<Assets<SceneDescription>>();
             let description = scenes.get(handle).cloned();
-            return Self {
+            return Ok(Self {
                 camera,
                 sun,
                 description: description.expect("the scene was spawned from it"),
                 ground: world.resource::<Ground>().clone(),
                 headless,
-            };
+            });
         }
-        panic!("the scene or its preset did not load");
+        Err("the scene or its preset did not load".to_owned())
     }
 
     /// The app's world.

@@ -3,10 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use bevy::{asset::AssetPath, prelude::*};
-use bevy_pssm::{config::ShadowPresetLoader, prelude::*};
-use clap::{Parser, ValueEnum};
+use bevy_pssm::config::ShadowPresetLoader;
+use clap::{Parser, ValueEnum, value_parser};
 
-use crate::scene::{SCENES, SceneDescription};
+use crate::{
+    scene::{SCENES, SceneDescription},
+    study::settings::Setting,
+};
+
+/// What every desktop GPU of the last decade allows (texels per side).
+const MAX_MAP_SIZE: u32 = 16384;
 
 /// Measures how wrong sun shadows are, against rays, and what they cost: the plugin's and Bevy's
 /// own, in the same scenes and the same run.
@@ -24,12 +30,12 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<UVec2>,
     /// Poses of each scene, the first ones. Default 4, or 2 with `--quick`.
-    #[arg(long, value_name = "N")]
-    pub poses: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=64))]
+    pub poses: Option<u32>,
     /// Steps of each small motion (pan, turn, zoom, sun) for the flicker figures; 0 leaves them
     /// out.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub frames: usize,
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = value_parser!(u32).range(0..=16))]
+    pub frames: u32,
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "target/tradeoff")]
     pub out: PathBuf,
@@ -54,9 +60,9 @@ fn size(text: &str) -> Result<UVec2, String> {
     let sides = text
         .split_once('x')
         .and_then(|(w, h)| Some(UVec2::new(w.parse().ok()?, h.parse().ok()?)));
-    let allowed = |size: &UVec2| size.min_element() >= 16 && size.max_element() <= 8192;
+    let allowed = |size: &UVec2| size.min_element() >= 16 && size.max_element() <= 4096;
     sides.filter(allowed).ok_or_else(|| {
-        format!("`{text}` is not a width and a height from 16 to 8192, as in 800x600")
+        format!("`{text}` is not a width and a height from 16 to 4096, as in 800x600")
     })
 }
 
@@ -82,7 +88,7 @@ impl Arguments {
     /// How many poses of a scene to measure.
     pub fn poses(&self, of_scene: usize) -> usize {
         let wanted = self.poses.unwrap_or(if self.quick { 2 } else { 4 });
-        wanted.clamp(1, of_scene.max(1))
+        (wanted as usize).min(of_scene)
     }
 
     /// Reads the scenes.
@@ -103,18 +109,19 @@ impl Arguments {
     ///
     /// # Errors
     /// Names the file that cannot be read and what is wrong with it.
-    pub fn settings(
-        &self,
-        max_map_size: u32,
-    ) -> Result<Vec<(String, ParallelSplitShadows)>, String> {
-        let read = |file: &PathBuf| {
-            let text = read_text(file)?;
+    pub fn settings(&self) -> Result<Vec<Setting>, String> {
+        let mut settings: Vec<Setting> = Vec::new();
+        for file in &self.shadows {
             let path = AssetPath::from_path(file);
-            let config = ShadowPresetLoader::parse(&text, &path, max_map_size)
+            let config = ShadowPresetLoader::parse(&read_text(file)?, &path, MAX_MAP_SIZE)
                 .map_err(|error| error.to_string())?;
-            Ok((stem(file, ".shadows.ron"), config))
-        };
-        self.shadows.iter().map(read).collect()
+            let name = stem(file, ".shadows.ron");
+            if settings.iter().any(|setting| setting.name == name) {
+                return Err(format!("--shadows: two files are named {name}"));
+            }
+            settings.push(Setting::pssm(name, config));
+        }
+        Ok(settings)
     }
 }
 
@@ -127,9 +134,13 @@ fn read_scene(name: &str) -> Result<NamedScene, String> {
     } else {
         PathBuf::from(name)
     };
-    let text = read_text(&file)?;
-    let description =
+    let text =
+        read_text(&file).map_err(|e| format!("{e}. Shipped scenes are {}", SCENES.join(", ")))?;
+    let description: SceneDescription =
         ron::from_str(&text).map_err(|error| format!("{}: {error}", file.display()))?;
+    if description.camera.poses.is_empty() {
+        return Err(format!("{}: `poses` is empty", file.display()));
+    }
     Ok(NamedScene {
         name: stem(&file, ".scene.ron"),
         description,
@@ -137,13 +148,7 @@ fn read_scene(name: &str) -> Result<NamedScene, String> {
 }
 
 fn read_text(file: &Path) -> Result<String, String> {
-    std::fs::read_to_string(file).map_err(|error| {
-        format!(
-            "{}: {error}. Shipped scenes are {}.",
-            file.display(),
-            SCENES.join(", ")
-        )
-    })
+    std::fs::read_to_string(file).map_err(|error| format!("{}: {error}", file.display()))
 }
 
 fn stem(file: &Path, end: &str) -> String {

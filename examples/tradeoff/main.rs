@@ -22,7 +22,10 @@ use std::{process::ExitCode, time::Instant};
 
 use bevy::{
     prelude::*,
-    render::renderer::{RenderAdapterInfo, RenderDevice},
+    render::{
+        renderer::{RenderAdapterInfo, RenderDevice},
+        settings::WgpuFeatures,
+    },
 };
 use bevy_pssm::prelude::*;
 use clap::Parser;
@@ -38,15 +41,15 @@ use study::{
     pictures,
     row::Row,
     run::{Effort, Outcome, View},
-    settings::{Setting, Stock, grid, stock_sizes},
+    settings::{Setting, Stock, grid, map_sizes},
     studio::{Stance, Studio, linear_camera, measurable_app},
     tune::{TUNED_SIZE, attempts},
 };
 
 /// Rays across a pixel, for fractions.
 const RAYS: u32 = 4;
-/// Poses at which flicker is measured.
-const FLICKER_POSES: usize = 1;
+/// Poses at which flicker is measured: the first ones.
+const FLICKER_POSES: usize = 2;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
@@ -65,24 +68,36 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), BevyError> {
     let start = Instant::now();
     let scenes = arguments.scenes()?;
+    let wanted = arguments.settings()?;
     let out = &arguments.out;
-    std::fs::create_dir_all(out.join("pictures"))?;
+    std::fs::create_dir_all(out.join("pictures"))
+        .map_err(|error| format!("--out {}: {error}", out.display()))?;
     let mut progress = Progress::new(scenes.iter().map(|scene| frames(arguments, scene)).sum());
-    let mut adapter = String::new();
+    let mut head = String::new();
     let mut reports = Vec::new();
     for scene in &scenes {
-        let (report, name) = measure_scene(arguments, scene, &mut progress)?;
-        adapter = name;
-        reports.push(report);
+        progress.say(&format!("{}: loading", scene.name));
+        let stage = load(arguments, scene).map_err(|error| {
+            let warnings = warnings::take().join("\n");
+            format!("{}: {error}\n{warnings}", scene.name)
+        })?;
+        head = adapter(&stage);
+        reports.push(measure_scene(
+            arguments,
+            scene,
+            &wanted,
+            stage,
+            &mut progress,
+        )?);
         // After each scene, so that a run cut short leaves something.
         report::write_csv(out, &reports)?;
     }
     let size = arguments.picture_size();
-    let head = format!(
-        "Adapter: {adapter}. Pictures of {} × {} pixels.",
-        size.x, size.y
-    );
+    head = format!("{head} Pictures of {} × {} pixels.", size.x, size.y);
     report::write(out, &head, &reports)?;
+    for warning in warnings::take() {
+        tell(&format!("{warning}\n"));
+    }
     tell(&format!(
         "\n{head}\nThe report is {}, after {:.0} s.\n",
         out.join("report.md").display(),
@@ -91,10 +106,11 @@ fn run(arguments: &Arguments) -> Result<(), BevyError> {
     Ok(())
 }
 
-/// Pictures that a scene will take: its own three per place, then one per setting and place.
+/// Pictures that a scene will take: its own two per pose, then one per setting and pose, and one
+/// per setting and small motion.
 fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
     let poses = arguments.poses(scene.description.camera.poses.len());
-    let places = poses + FLICKER_POSES.min(poses) * Motion::ALL.len() * arguments.frames;
+    let motions = FLICKER_POSES.min(poses) * Motion::ALL.len() * arguments.frames as usize;
     let own = if arguments.shadows.is_empty() {
         grid(&ParallelSplitShadows::default(), arguments.quick).len()
     } else {
@@ -102,42 +118,55 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
     };
     let (stock, tuning) = match arguments.baseline {
         Baseline::Bevy => (
-            2 * stock_sizes(arguments.quick).len(),
+            2 * map_sizes(arguments.quick).len(),
             attempts(arguments.quick) * poses,
         ),
         Baseline::None => (0, 0),
     };
-    (3 + own + stock) * places + tuning
+    2 * poses + (own + stock) * (poses + motions) + tuning
+}
+
+fn load(arguments: &Arguments, scene: &NamedScene) -> Result<SceneStage, String> {
+    let app = measurable_app(arguments.picture_size(), |app| {
+        app.add_plugins(ScenesPlugin);
+    });
+    let description = scene.description.clone();
+    SceneStage::in_app(app, linear_camera(), |world, current| {
+        current.handle = world.resource_mut::<Assets<_>>().add(description);
+        current.spawned = false;
+    })
+}
+
+/// The adapter, and what it cannot measure.
+fn adapter(stage: &SceneStage) -> String {
+    let world = stage.headless.app.world();
+    let info = world.resource::<RenderAdapterInfo>();
+    let features = world.resource::<RenderDevice>().features();
+    let mut text = format!("Adapter: {} ({}).", info.name, info.driver_info);
+    if !features.contains(WgpuFeatures::TIMESTAMP_QUERY) {
+        text += " It has no timestamps: times on the GPU read zero.";
+    }
+    if !features.contains(WgpuFeatures::PIPELINE_STATISTICS_QUERY) {
+        text += " It has no pipeline statistics: counts of the passes read zero.";
+    }
+    text
 }
 
 fn measure_scene(
     arguments: &Arguments,
     scene: &NamedScene,
+    wanted: &[Setting],
+    stage: SceneStage,
     progress: &mut Progress,
-) -> Result<(SceneReport, String), BevyError> {
+) -> Result<SceneReport, BevyError> {
     let name = &scene.name;
-    progress.say(&format!("{name}: loading"));
-    let size = arguments.picture_size();
-    let app = measurable_app(size, |app| {
-        app.add_plugins(ScenesPlugin);
-    });
-    let description = scene.description.clone();
-    let stage = SceneStage::in_app(app, linear_camera(), |world, current| {
-        current.handle = world.resource_mut::<Assets<_>>().add(description);
-        current.spawned = false;
-    });
     let poses = arguments.poses(scene.description.camera.poses.len());
     let places: Vec<Transform> = (0..poses).map(|index| stage.pose(index)).collect();
     let world = stage.headless.app.world();
     let preset = world.get::<ParallelSplitShadows>(stage.sun).cloned();
     let preset = preset.unwrap_or_default();
-    let max_map_size = world
-        .resource::<RenderDevice>()
-        .limits()
-        .max_texture_dimension_2d;
-    let info = world.resource::<RenderAdapterInfo>();
-    let adapter = format!("{} ({})", info.name, info.driver_info);
 
+    let size = arguments.picture_size();
     let mut studio = Studio::new(stage.headless, stage.camera, stage.sun, size);
     let start = studio.stance();
     let stances: Vec<Stance> = places
@@ -151,33 +180,27 @@ fn measure_scene(
     let effort = Effort {
         rays: RAYS,
         flicker_poses: FLICKER_POSES,
-        steps: arguments.frames,
+        steps: arguments.frames as usize,
     };
-    let views = studio.survey(&stances, effort, || (0..3).for_each(|_| progress.step()));
+    let views = studio.survey(&stances, effort, || (0..2).for_each(|_| progress.step()));
 
-    let mut settings: Vec<Setting> = arguments
-        .settings(max_map_size)?
-        .into_iter()
-        .map(|(name, config)| Setting::pssm(name, config))
-        .collect();
-    if settings.is_empty() {
-        settings = grid(&preset, arguments.quick);
-    }
+    let mut settings = if wanted.is_empty() {
+        grid(&preset, arguments.quick)
+    } else {
+        wanted.to_vec()
+    };
     if arguments.baseline == Baseline::Bevy {
         progress.say(&format!("{name}: tuning Bevy's own shadows"));
-        let defaults = |map_size| Stock::new(map_size, preset.far as f32);
+        let defaults = |map_size| Stock::new(map_size, &preset);
         let tuned = studio.tune(&views, defaults(TUNED_SIZE), arguments.quick, || {
             progress.step();
         });
-        for map_size in stock_sizes(arguments.quick) {
+        for map_size in map_sizes(arguments.quick).iter().copied() {
             settings.push(Setting::bevy(
                 format!("bevy {map_size}"),
-                defaults(*map_size),
+                defaults(map_size),
             ));
-            let tuned = Stock {
-                map_size: *map_size,
-                ..tuned
-            };
+            let tuned = Stock { map_size, ..tuned };
             settings.push(Setting::bevy(format!("bevy {map_size} tuned"), tuned));
         }
     }
@@ -198,7 +221,7 @@ fn measure_scene(
         report.worst_pose.push(worst);
         report.settings.push(setting);
     }
-    Ok((report, adapter))
+    Ok(report)
 }
 
 fn worst_pose(views: &[View], outcome: &Outcome) -> usize {

@@ -58,9 +58,9 @@ const KINDS: [(&str, RGBColor); 3] = [
 
 fn kind(row: &Row) -> usize {
     match (row.technique, row.setting.ends_with("tuned")) {
-        ("pssm", _) => 0,
-        (_, true) => 1,
-        _ => 2,
+        ("bevy", true) => 1,
+        ("bevy", false) => 2,
+        _ => 0,
     }
 }
 

@@ -26,14 +26,15 @@ impl Aliasing {
     /// - `axes`: the unit directions in world space along which x and y of the map grow at its
     ///   centre. The shear of a warped map's texels is left out, as in the paper.
     /// - `point`: in world space.
-    /// - `image_width`: width that the image has at the point (metres): `2 tan θ · depth`.
+    /// - `image_side`: side of the image at the point's depth (metres): `2 tan θ · depth`. All of
+    ///   it counts as one pixel.
     ///
     /// `None` where the map has no image of the point (`w <= 0`) or no extent.
     pub fn at(
         clip_from_world: &DMat4,
         axes: [DVec3; 2],
         point: DVec3,
-        image_width: f64,
+        image_side: f64,
     ) -> Option<Self> {
         let clip = *clip_from_world * point.extend(1.0);
         let per_metre = |axis: DVec3, row: usize| {
@@ -41,7 +42,7 @@ impl Aliasing {
             ((change[row] - clip[row] / clip.w * change.w) / clip.w).abs()
         };
         // The map is two wide.
-        let [x, z] = [0, 1].map(|row| 2.0 / per_metre(axes[row], row) / image_width);
+        let [x, z] = [0, 1].map(|row| 2.0 / per_metre(axes[row], row) / image_side);
         let sound = clip.w > 0.0 && x.is_finite() && z.is_finite();
         sound.then_some(Self { x, z })
     }
@@ -49,10 +50,8 @@ impl Aliasing {
     /// The worst aliasing of a map over a slice of the view volume, for an image one pixel high;
     /// arguments as in [`Aliasing::at`]. `None` if the map has no image of a corner.
     pub fn over_slice(clip_from_world: &DMat4, axes: [DVec3; 2], slice: &Slice) -> Option<Self> {
-        let quads = slice.corners.as_chunks::<4>().0;
-        let all = quads.iter().flat_map(|quad| {
-            let image_height = (quad[3] - quad[0]).length();
-            quad.map(|corner| Self::at(clip_from_world, axes, corner, image_height))
+        let all = slice.corners.iter().enumerate().map(|(index, corner)| {
+            Self::at(clip_from_world, axes, *corner, slice.image_height(index))
         });
         all.reduce(|a, b| Some(a?.max(b?))).flatten()
     }

@@ -124,6 +124,12 @@ pub struct Slice {
 }
 
 impl Slice {
+    /// Height of the image at the depth of a corner (metres).
+    pub fn image_height(&self, corner: usize) -> f64 {
+        let quad = corner / 4 * 4;
+        self.corners[quad].distance(self.corners[quad + 3])
+    }
+
     fn new(view: &ViewVolume, near: f64, far: f64) -> Self {
         let (a, b) = (view.corners_at(near), view.corners_at(far));
         let mut local = [DVec3::ZERO; 8];

@@ -23,13 +23,9 @@ pub struct BodyVertex {
 
 /// The vertices of a slice, in the order of its corners.
 pub fn slice_vertices(slice: &Slice) -> [BodyVertex; 8] {
-    let image_heights = [0, 4].map(|lower| {
-        let [low, high] = [lower, lower + 3].map(|corner| slice.corners[corner]);
-        low.distance(high)
-    });
     core::array::from_fn(|corner| BodyVertex {
         position: slice.corners[corner],
-        image_height: image_heights[corner / 4],
+        image_height: slice.image_height(corner),
     })
 }
 

@@ -144,11 +144,27 @@ pub(super) fn forgo_occlusion_culling(
     }
 }
 
+/// Nothing is drawn into Bevy's array while its maps live in ours: it need not be large. Unless
+/// slots may run out, which only [`adopt_views`] finds out, too late to make it large again.
+pub(super) fn shrink_stock_maps(
+    extracted: Res<ExtractedShadows>,
+    target: Res<ShadowTarget>,
+    lights: Query<(), With<ExtractedDirectionalLight>>,
+    mut stock: ResMut<DirectionalLightShadowMap>,
+) {
+    let slots = lights.iter().count() + extracted.lights.len();
+    let unused = !extracted.lights.is_empty() && target.texture.is_some();
+    stock.size = if unused && slots <= MAX_DIRECTIONAL_LIGHTS {
+        1
+    } else {
+        extracted.stock_size
+    };
+}
+
 pub(super) fn adopt_views(
     mut commands: Commands,
     device: Res<RenderDevice>,
     extracted: Res<ExtractedShadows>,
-    stock: Res<DirectionalLightShadowMap>,
     sorted_cameras: Res<SortedCameras>,
     mut target: ResMut<ShadowTarget>,
     mut cameras: Query<(
@@ -199,7 +215,7 @@ pub(super) fn adopt_views(
     }
 
     let max_size = device.limits().max_texture_dimension_2d;
-    let stock_size = (stock.size as u32).min(max_size);
+    let stock_size = (extracted.stock_size as u32).min(max_size);
     let stock_cascades = order
         .iter()
         .filter_map(|camera| Some(cameras.get(*camera).ok()?.1.lights.len()))

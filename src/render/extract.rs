@@ -13,7 +13,7 @@ use bevy::{
         system::{Local, Query, Res, ResMut, SystemState},
         world::World,
     },
-    light::{CascadeShadowConfig, Cascades, DirectionalLight},
+    light::{CascadeShadowConfig, Cascades, DirectionalLight, DirectionalLightShadowMap},
     render::{
         Extract, MainWorld,
         sync_world::{MainEntity, MainEntityHashMap},
@@ -32,6 +32,8 @@ use crate::{
 pub(crate) struct ExtractedShadows {
     /// By light, then by camera: its cascades.
     pub lights: MainEntityHashMap<MainEntityHashMap<Vec<ExtractedCascade>>>,
+    /// Texels per side of Bevy's maps, as the game wants them.
+    pub stock_size: usize,
     pub overlay: ShadowOverlay,
 }
 
@@ -59,7 +61,9 @@ pub(super) fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
     lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
     overlay: Extract<Res<ShadowOverlay>>,
+    stock: Extract<Res<DirectionalLightShadowMap>>,
 ) {
+    extracted.stock_size = stock.size;
     extracted.overlay = **overlay;
     extracted.lights.clear();
     for (light, managed, plans, directional) in &lights {

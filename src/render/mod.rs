@@ -100,7 +100,7 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(
             Render,
             (
-                adopt::forgo_occlusion_culling
+                (adopt::forgo_occlusion_culling, adopt::shrink_stock_maps)
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
                 adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),

@@ -72,7 +72,9 @@ type IsCaster = (
     With<Mesh3d>,
 );
 
-pub(super) fn cull_casters(
+/// Finds the casters of each cascade, and publishes cascades, frusta and lists in Bevy's
+/// components. Runs in [`PssmSystems::CullCasters`](super::PssmSystems::CullCasters).
+pub fn cull_casters(
     mut lights: Query<
         (
             &DirectionalLight,

@@ -4,9 +4,9 @@ mod cull;
 mod manage;
 mod plan;
 
-pub use cull::{CascadeRange, CasterCascades};
+pub use cull::{CascadeRange, CasterCascades, cull_casters};
 pub use manage::{AppliedPreset, ManagedLight};
-pub use plan::{ShadowPlans, parked_cascade};
+pub use plan::{ShadowPlans, parked_cascade, plan_shadows, view_volume};
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
@@ -65,8 +65,8 @@ pub(crate) fn build(app: &mut App) {
         PostUpdate,
         (
             manage::manage_lights.in_set(PssmSystems::ManageLights),
-            plan::plan_shadows.in_set(PssmSystems::PlanCascades),
-            cull::cull_casters.in_set(PssmSystems::CullCasters),
+            plan_shadows.in_set(PssmSystems::PlanCascades),
+            cull_casters.in_set(PssmSystems::CullCasters),
         ),
     )
     .add_observer(manage::forget_preset)

@@ -28,7 +28,9 @@ pub struct ShadowPlans {
     pub views: EntityHashMap<Vec<CascadePlan>>,
 }
 
-pub(super) fn plan_shadows(
+/// Plans the cascades of every managed light for every active 3D camera. Runs in
+/// [`PssmSystems::PlanCascades`](super::PssmSystems::PlanCascades).
+pub fn plan_shadows(
     cameras: Query<(Entity, &GlobalTransform, &Projection, &Camera), With<Camera3d>>,
     mut lights: Query<(
         Entity,
@@ -90,7 +92,8 @@ fn lookup_reach(light: &DirectionalLight) -> LookupReach {
     LookupReach::new(light.shadow_normal_bias, light.shadow_depth_bias, soft)
 }
 
-fn view_volume(
+/// What a camera sees. `None` if its transform or projection is degenerate.
+pub fn view_volume(
     transform: &GlobalTransform,
     projection: &Projection,
     camera: &Camera,

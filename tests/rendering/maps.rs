@@ -2,10 +2,11 @@
 
 use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
+    light::DirectionalLightShadowMap,
     prelude::*,
     render::{diagnostic::RenderDiagnosticsPlugin, settings::WgpuSettings},
 };
-use bevy_pssm::render::SHADOW_PASS_SPAN;
+use bevy_pssm::{prelude::*, render::SHADOW_PASS_SPAN};
 
 use crate::stage::{Stage, shadows};
 
@@ -55,4 +56,26 @@ fn maps_without_casters_are_not_drawn() {
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
     assert_eq!(drawn(&mut stage), []);
+}
+
+#[test]
+fn bevys_unused_array_takes_no_room() {
+    let mut stage = stage();
+    let sun = stage.sun();
+    stage.picture();
+    let size = |stage: &mut Stage| {
+        let world = stage.render_world();
+        world.resource::<DirectionalLightShadowMap>().size
+    };
+    assert_eq!(size(&mut stage), 1024);
+    stage.world().entity_mut(sun).insert(shadows());
+    stage.picture();
+    assert_eq!(size(&mut stage), 1);
+    stage
+        .world()
+        .entity_mut(sun)
+        .remove::<ParallelSplitShadows>();
+    // Bevy's maps are whole in the very frame that uses them again.
+    stage.step();
+    assert_eq!(size(&mut stage), 1024);
 }

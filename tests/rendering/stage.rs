@@ -9,6 +9,7 @@ use bevy::{
     light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap},
     prelude::*,
     render::{
+        RenderApp,
         render_resource::{Extent3d, TextureDimension, TextureFormat},
         settings::WgpuSettings,
     },
@@ -86,6 +87,10 @@ impl Stage {
 
     pub fn world(&mut self) -> &mut World {
         self.headless.app.world_mut()
+    }
+
+    pub fn render_world(&self) -> &World {
+        self.headless.app.sub_app(RenderApp).world()
     }
 
     pub fn step(&mut self) {

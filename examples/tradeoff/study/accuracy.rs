@@ -12,7 +12,8 @@ const STAIN: f32 = 0.1;
 
 /// A view's true shadows, and what figures need to know of them.
 pub struct Truth {
-    lens: Lens,
+    /// The picture's geometry.
+    pub lens: Lens,
     /// By pixel, what its centre shows.
     pub samples: Vec<Option<Sample>>,
     /// By pixel, the share of the sun's light that arrives over its whole area.

@@ -1,23 +1,28 @@
 //! What shadows cost: counts, which repeat exactly, and times, which do not.
 
 use bevy::{
-    camera::visibility::{CascadesVisibleEntities, VisibilitySystems},
-    ecs::schedule::{SingleThreadedExecutor, SystemSet},
-    light::{DirectionalLightShadowMap, SimulationLightSystems},
+    camera::visibility::CascadesVisibleEntities,
+    light::{
+        DirectionalLightShadowMap, cascade::build_directional_light_cascades,
+        check_dir_light_mesh_visibility, update_directional_light_frusta,
+    },
     mesh::Indices,
     platform::time::Instant,
     prelude::*,
 };
-use bevy_pssm::{PssmSystems, prelude::*};
+use bevy_pssm::{
+    prelude::*,
+    systems::{cull_casters, plan_shadows},
+};
 
 use crate::measure::Counts;
 
 /// What one frame did.
 #[derive(Debug, Clone, Default)]
 pub struct Frame {
-    /// On the GPU: of the frame before.
+    /// On the GPU; known two frames later.
     pub gpu: Counts,
-    /// Planning and culling on the CPU (microseconds).
+    /// Planning and culling on the CPU (microseconds): [`time_systems`].
     pub cpu: [f64; 2],
     /// Casters drawn, by cascade.
     pub casters: Vec<usize>,
@@ -30,7 +35,6 @@ pub struct Frame {
 impl Frame {
     /// Reads a frame's costs off the world.
     pub fn of(world: &World, gpu: Counts, camera: Entity, sun: Entity, ours: bool) -> Self {
-        let clock = world.resource::<CpuClock>();
         let meshes = world.resource::<Assets<Mesh>>();
         let triangles_of = |entity: &Entity| {
             let mesh = world.get::<Mesh3d>(*entity).and_then(|m| meshes.get(&m.0));
@@ -51,7 +55,7 @@ impl Frame {
         let size = |index: usize| config.map_or(stock, |config| config.map_size.of_cascade(index));
         Self {
             gpu,
-            cpu: [clock.lap(ours, 0), clock.lap(ours, 1)],
+            cpu: [0.0; 2],
             casters: lists.iter().map(|list| list.len()).collect(),
             triangles: lists
                 .iter()
@@ -74,75 +78,38 @@ impl Frame {
     }
 }
 
-/// Times planning and culling, the plugin's and Bevy's alike, by looking at the clock before
-/// and after their system sets. The schedule runs on one thread meanwhile, so that nothing else
-/// is timed.
-pub struct CpuClockPlugin;
+/// Runs of the systems that are timed.
+const RUNS: usize = 5;
 
-#[derive(Resource, Default)]
-struct CpuClock {
-    laps: [[Option<(Instant, Instant)>; 2]; 2],
-}
-
-impl CpuClock {
-    fn lap(&self, ours: bool, stage: usize) -> f64 {
-        self.laps[usize::from(ours)][stage]
-            .map_or(0.0, |(start, end)| (end - start).as_secs_f64() * 1e6)
+/// Times planning and culling: runs their systems again, on what the frame has left, in the
+/// schedule's order. For the plugin Bevy's own count too, which still run, on next to nothing.
+/// Medians (microseconds).
+pub fn time_systems(world: &mut World, ours: bool) -> [f64; 2] {
+    let mut times: [Vec<f64>; 2] = Default::default();
+    for _ in 0..RUNS {
+        let planning = [
+            clocked(world, build_directional_light_cascades),
+            clocked(world, plan_shadows),
+        ];
+        clocked(world, update_directional_light_frusta);
+        let culling = [
+            clocked(world, check_dir_light_mesh_visibility),
+            clocked(world, cull_casters),
+        ];
+        for (times, [stock, own]) in times.iter_mut().zip([planning, culling]) {
+            times.push(if ours { stock + own } else { stock });
+        }
     }
+    times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[RUNS / 2]
+    })
 }
 
-fn start<const OURS: usize, const STAGE: usize>(mut clock: ResMut<CpuClock>) {
-    let now = Instant::now();
-    clock.laps[OURS][STAGE] = Some((now, now));
-}
-
-fn stop<const OURS: usize, const STAGE: usize>(mut clock: ResMut<CpuClock>) {
-    if let Some((_, end)) = &mut clock.laps[OURS][STAGE] {
-        *end = Instant::now();
+fn clocked<M, S: IntoSystem<(), (), M> + 'static>(world: &mut World, system: S) -> f64 {
+    let start = Instant::now();
+    if let Err(error) = world.run_system_cached(system) {
+        warn!("A system could not be timed: {error}");
     }
-}
-
-impl CpuClockPlugin {
-    fn time<const OURS: usize, const STAGE: usize>(
-        app: &mut App,
-        set: impl SystemSet + Clone,
-        ready: impl SystemSet,
-    ) {
-        app.add_systems(
-            PostUpdate,
-            (
-                start::<OURS, STAGE>.after(ready).before(set.clone()),
-                stop::<OURS, STAGE>.after(set),
-            ),
-        );
-    }
-}
-
-impl Plugin for CpuClockPlugin {
-    fn build(&self, app: &mut App) {
-        app.init_resource::<CpuClock>();
-        app.edit_schedule(PostUpdate, |schedule| {
-            schedule.set_executor(SingleThreadedExecutor::new());
-        });
-        Self::time::<0, 0>(
-            app,
-            SimulationLightSystems::UpdateDirectionalLightCascades,
-            TransformSystems::Propagate,
-        );
-        Self::time::<0, 1>(
-            app,
-            SimulationLightSystems::CheckLightVisibility,
-            VisibilitySystems::CheckVisibility,
-        );
-        Self::time::<1, 0>(
-            app,
-            PssmSystems::PlanCascades,
-            SimulationLightSystems::UpdateDirectionalLightCascades,
-        );
-        Self::time::<1, 1>(
-            app,
-            PssmSystems::CullCasters,
-            SimulationLightSystems::CheckLightVisibility,
-        );
-    }
+    start.elapsed().as_secs_f64() * 1e6
 }

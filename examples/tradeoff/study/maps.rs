@@ -3,15 +3,14 @@
 
 use bevy::{
     light::{CascadeShadowConfig, Cascades, DirectionalLightShadowMap},
-    math::{DAffine3, DMat3, DMat4, DVec3, DVec4},
+    math::{DMat4, DVec3, DVec4},
     prelude::*,
 };
 use bevy_pssm::{
-    ShadowPlans,
-    geometry::{aliasing::Aliasing, slice::ViewVolume},
+    ShadowPlans, geometry::aliasing::Aliasing, plan::CascadePlan, systems::view_volume,
 };
 
-use super::trace::{Lens, Sample};
+use super::accuracy::Truth;
 
 /// A map and the depths it is for.
 pub struct Map {
@@ -23,52 +22,52 @@ pub struct Map {
     predicted: Option<f64>,
 }
 
-/// The maps of the last frame.
-pub fn maps_of(world: &World, camera: Entity, sun: Entity, ours: bool, height: f64) -> Vec<Map> {
-    if ours {
-        let plans = world
-            .get::<ShadowPlans>(sun)
-            .and_then(|p| p.views.get(&camera));
-        let plans = plans.into_iter().flatten();
-        return plans
-            .filter_map(|plan| {
-                let map = plan.map.as_ref()?;
-                let axis = |axis: DVec4| axis.truncate().normalize();
-                Some(Map {
-                    clip_from_world: map.clip_from_world,
-                    axes: [
-                        axis(map.world_from_cascade.x_axis),
-                        axis(map.world_from_cascade.y_axis),
-                    ],
-                    size: f64::from(plan.map_size),
-                    far: plan.far,
-                    predicted: plan.texels_per_pixel(height),
-                })
-            })
-            .collect();
-    }
-    stock_maps(world, camera, sun, height).unwrap_or_default()
+/// The maps of the last frame, the plugin's or Bevy's. Predictions start at the depth `near`:
+/// at the eye no map is large enough.
+pub fn maps_of(world: &World, camera: Entity, sun: Entity, near: f64, height: f64) -> Vec<Map> {
+    let plans = world
+        .get::<ShadowPlans>(sun)
+        .and_then(|plans| plans.views.get(&camera))
+        .filter(|plans| !plans.is_empty());
+    let Some(plans) = plans else {
+        return stock_maps(world, camera, sun, near, height).unwrap_or_default();
+    };
+    let of_plan = |plan: &CascadePlan| {
+        let map = plan.map.as_ref()?;
+        let axis = |axis: DVec4| axis.truncate().normalize();
+        Some(Map {
+            clip_from_world: map.clip_from_world,
+            axes: [
+                axis(map.world_from_cascade.x_axis),
+                axis(map.world_from_cascade.y_axis),
+            ],
+            size: f64::from(plan.map_size),
+            far: plan.far,
+            predicted: plan.texels_per_pixel(height),
+        })
+    };
+    plans.iter().filter_map(of_plan).collect()
 }
 
-fn stock_maps(world: &World, camera: Entity, sun: Entity, height: f64) -> Option<Vec<Map>> {
+fn stock_maps(
+    world: &World,
+    camera: Entity,
+    sun: Entity,
+    near: f64,
+    height: f64,
+) -> Option<Vec<Map>> {
     let config = world.get::<CascadeShadowConfig>(sun)?;
     let cascades = world.get::<Cascades>(sun)?.cascades.get(&camera)?;
     let size = world.resource::<DirectionalLightShadowMap>().size as f64;
-    let affine = world.get::<GlobalTransform>(camera)?.affine();
-    let world_from_view = DAffine3 {
-        matrix3: DMat3::from_cols(
-            affine.matrix3.x_axis.as_dvec3(),
-            affine.matrix3.y_axis.as_dvec3(),
-            affine.matrix3.z_axis.as_dvec3(),
-        ),
-        translation: affine.translation.as_dvec3(),
-    };
-    let projection = world.get::<Projection>(camera)?;
-    let view = ViewVolume::new(world_from_view, &projection.get_clip_from_view())?;
+    let view = view_volume(
+        world.get::<GlobalTransform>(camera)?,
+        world.get::<Projection>(camera)?,
+        world.get::<Camera>(camera)?,
+    )?;
     let maps = cascades.iter().enumerate().map(|(index, cascade)| {
         let far = f64::from(config.bounds[index]);
         let near = match index {
-            0 => f64::from(config.minimum_distance),
+            0 => near,
             _ => f64::from((1.0 - config.overlap_proportion) * config.bounds[index - 1]),
         };
         let axis = |axis: Vec4| axis.truncate().as_dvec3().normalize();
@@ -77,34 +76,32 @@ fn stock_maps(world: &World, camera: Entity, sun: Entity, height: f64) -> Option
             axis(cascade.world_from_cascade.x_axis),
             axis(cascade.world_from_cascade.y_axis),
         ];
-        let slice = view.slice(near, far);
+        let predicted = view
+            .slice(near, far)
+            .and_then(|slice| Aliasing::over_slice(&clip_from_world, axes, &slice))
+            .map(|worst| worst.pixels_per_texel(size, height).max_element().recip());
         Map {
             clip_from_world,
             axes,
             size,
             far,
-            predicted: slice
-                .and_then(|slice| Aliasing::over_slice(&clip_from_world, axes, &slice))
-                .map(|worst| 1.0 / worst.pixels_per_texel(size, height).max_element()),
+            predicted,
         }
     });
     Some(maps.collect())
 }
 
-/// Texels across a pixel where they are fewest: predicted for the slices, and seen at samples
+/// Texels across a pixel where they are fewest: predicted for the slices, and seen at pixels
 /// that face the sun. Perspective alone, as in Lloyd et al. 2006.
-pub fn texels_per_pixel(
-    maps: &[Map],
-    lens: &Lens,
-    samples: impl Iterator<Item = Sample>,
-) -> [f64; 2] {
-    let height = f64::from(lens.size.y);
+pub fn texels_per_pixel(maps: &[Map], truth: &Truth) -> [f64; 2] {
+    let (lens, height) = (&truth.lens, f64::from(truth.lens.size.y));
     let predicted = maps.iter().filter_map(|map| map.predicted);
-    let seen = samples.filter_map(|sample| {
+    let facing = truth.samples.iter().flatten().filter(|s| s.faces_sun);
+    let seen = facing.filter_map(|sample| {
         let depth = lens.clip_from_world.row(3).dot(sample.point.extend(1.0));
         let map = maps.iter().find(|map| depth < map.far)?;
-        let image_height = lens.pixel_size(sample.point) * height;
-        let aliasing = Aliasing::at(&map.clip_from_world, map.axes, sample.point, image_height)?;
+        let image_side = lens.pixel_size(sample.point) * height;
+        let aliasing = Aliasing::at(&map.clip_from_world, map.axes, sample.point, image_side)?;
         Some(1.0 / aliasing.pixels_per_texel(map.size, height).max_element())
     });
     [

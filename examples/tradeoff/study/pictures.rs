@@ -1,4 +1,4 @@
-//! What was found, what is true, and where the two differ.
+//! What is true, and where a picture differs from it.
 
 use image::{Rgb, RgbImage};
 
@@ -6,11 +6,6 @@ use super::accuracy::{Fault, Truth};
 
 /// Where the sun does not shine anyway.
 const NOTHING: Rgb<u8> = Rgb([70, 84, 110]);
-
-/// The share of the sun's light by pixel, dark to bright.
-pub fn found(truth: &Truth, shares: &[Option<f32>]) -> RgbImage {
-    paint(truth, |i| shares[i].map(gray))
-}
 
 /// The share by rays.
 pub fn truth(truth: &Truth) -> RgbImage {

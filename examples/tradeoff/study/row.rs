@@ -9,7 +9,7 @@ use super::{
 };
 
 /// The columns, and what they mean.
-pub const COLUMNS: [(&str, &str); 35] = [
+pub const COLUMNS: [(&str, &str); 37] = [
     ("scene", "name of the scene"),
     ("setting", "name of the setting, unique in the scene"),
     (
@@ -41,7 +41,7 @@ pub const COLUMNS: [(&str, &str); 35] = [
     ),
     (
         "flicker_pct",
-        "followed points whose answer changes though the truth does not, all motions",
+        "pixels whose answer changes though the truth does not, while maps follow small motions",
     ),
     ("flicker_pan_pct", "… the camera moving to the right"),
     ("flicker_turn_pct", "… turning"),
@@ -52,7 +52,10 @@ pub const COLUMNS: [(&str, &str); 35] = [
         "texels across a pixel where they are fewest, over all that the cascades can show (Lloyd et al. 2006, perspective part)",
     ),
     ("seen_texels_per_pixel", "the same, over what is seen"),
-    ("casters", "drawn, sum over cascades and poses"),
+    (
+        "casters",
+        "handed to the shadow passes by culling on the CPU, sum over cascades and poses",
+    ),
     ("casters_by_cascade", "… nearest cascade first"),
     ("triangles_by_cascade", "of these casters"),
     (
@@ -61,19 +64,27 @@ pub const COLUMNS: [(&str, &str); 35] = [
     ),
     ("shadow_primitives", "primitives that reached their clipper"),
     ("shadow_fragments", "their fragment invocations"),
-    ("main_fragments", "fragment invocations of the main pass"),
+    (
+        "main_vertices",
+        "vertex shader invocations of the main pass",
+    ),
+    ("main_primitives", "primitives that reached its clipper"),
+    ("main_fragments", "its fragment invocations"),
     (
         "shadow_gpu_ms",
-        "time of the shadow passes, median over all frames",
+        "time of the shadow passes: median over a pose's frames, mean over poses",
     ),
-    ("shadow_gpu_ms_spread", "… interquartile range"),
+    (
+        "shadow_gpu_ms_spread",
+        "… interquartile range, of poses with several frames",
+    ),
     ("main_gpu_ms", "time of the main pass"),
     ("main_gpu_ms_spread", "… interquartile range"),
     (
         "shadow_share_pct",
-        "shadow passes' part of both, median over all frames",
+        "shadow passes' part of shadow and main passes' time",
     ),
-    ("plan_us", "planning on the CPU, one camera and light"),
+    ("plan_us", "planning on the CPU (µs), one camera and light"),
     ("plan_us_spread", "… interquartile range"),
     ("cull_us", "culling of casters on the CPU"),
     ("cull_us_spread", "… interquartile range"),
@@ -110,6 +121,8 @@ pub struct Row {
     pub shadow_vertices: u64,
     pub shadow_primitives: u64,
     pub shadow_fragments: u64,
+    pub main_vertices: u64,
+    pub main_primitives: u64,
     pub main_fragments: u64,
     pub shadow_gpu_ms: f64,
     pub shadow_gpu_ms_spread: f64,
@@ -138,7 +151,20 @@ impl Row {
             words.join(" ")
         };
         let spread = |value: &dyn Fn(&Frame) -> f64| {
-            median_and_spread(outcome.frames.iter().map(value).collect())
+            let poses: Vec<[f64; 2]> = (0..views)
+                .map(|pose| {
+                    let frames = outcome.frames.iter().zip(&outcome.view_of);
+                    let of_pose = frames.filter(|(_, view)| **view == pose);
+                    median_and_spread(of_pose.map(|(frame, _)| value(frame)).collect())
+                })
+                .collect();
+            let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let spreads = poses.iter().map(|[_, spread]| *spread);
+            [
+                mean(poses.iter().map(|[median, _]| *median).collect()),
+                mean(spreads.filter(|spread| *spread > 0.0).collect()),
+            ]
+            .map(rounded)
         };
         let casters = by_cascade(&|frame| &frame.casters);
         let figures = outcome.figures;
@@ -184,6 +210,8 @@ impl Row {
             shadow_vertices: sum(&|frame| frame.gpu.vertices),
             shadow_primitives: sum(&|frame| frame.gpu.primitives),
             shadow_fragments: sum(&|frame| frame.gpu.fragments),
+            main_vertices: sum(&|frame| frame.gpu.main_vertices),
+            main_primitives: sum(&|frame| frame.gpu.main_primitives),
             main_fragments: sum(&|frame| frame.gpu.main_fragments),
             shadow_gpu_ms: shadow[0],
             shadow_gpu_ms_spread: shadow[1],
@@ -223,8 +251,10 @@ fn rounded(value: f64) -> f64 {
 fn median_and_spread(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| {
-        let index = (values.len().max(1) - 1) as f64 * share;
-        values.get(index.round() as usize).copied().unwrap_or(0.0)
+        let index = values.len().saturating_sub(1) as f64 * share;
+        let value = |index: f64| values.get(index as usize).copied().unwrap_or(0.0);
+        let (low, high) = (value(index.floor()), value(index.ceil()));
+        low + (high - low) * index.fract()
     };
-    [at(0.5), at(0.75) - at(0.25)].map(rounded)
+    [at(0.5), at(0.75) - at(0.25)]
 }

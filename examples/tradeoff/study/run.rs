@@ -1,13 +1,15 @@
 //! From a scene and settings to figures.
 
+use bevy::prelude::GlobalTransform;
+
 use super::{
     accuracy::{Accuracy, Figures, Truth},
     cost::Frame,
-    flicker::{Flips, Motion, Still, follow, steady},
+    flicker::{Flips, Motion, Nudge, steady},
     gather::Geometry,
     maps::{maps_of, texels_per_pixel},
     settings::{Setting, Technique},
-    studio::{Picture, Stance, Studio},
+    studio::{Picture, Reference, Stance, Studio},
     trace::Tracer,
 };
 
@@ -25,13 +27,15 @@ pub struct Effort {
 /// Frames after which the GPU's counts arrive.
 const GPU_LATENCY: usize = 2;
 
-/// One place to look from: the truth there, and on small motions away.
+/// One place to look from, and the truth there.
 pub struct View {
-    /// The first frame.
-    pub still: Still,
+    stance: Stance,
+    reference: Reference,
     /// What figures are taken against.
     pub truth: Truth,
-    motions: Vec<Vec<Still>>,
+    /// By step of the sun and by pixel, whether the truth stays the same; empty where flicker is
+    /// not measured.
+    steady: Vec<Vec<bool>>,
 }
 
 /// A picture, and what it says of the sun's light.
@@ -54,6 +58,8 @@ pub struct Outcome {
     pub texels_per_pixel: [f64; 2],
     /// Costs: of the first frame of each view, then of the others.
     pub frames: Vec<Frame>,
+    /// By frame: its view.
+    pub view_of: Vec<usize>,
     /// What each view looked like.
     pub shots: Vec<Shot>,
 }
@@ -70,58 +76,40 @@ impl Studio {
         // Everything has its place after a frame, and its shaders after a few.
         self.headless.settle();
         let tracer = Tracer::new(Geometry::gather(self.world()));
-        let height = self.size.y as f32;
         let mut view = |(index, stance): (usize, &Stance)| {
-            let still = self.still(&tracer, stance, None);
-            let to_sun = self.sun_direction();
-            let shares = tracer.shares(&still.lens, to_sun, &still.samples, effort.rays);
+            self.place(stance);
+            let reference = self.reference();
+            let (lens, to_sun) = (self.lens(), self.sun_direction());
+            let samples = tracer.picture(&lens, to_sun);
+            let shares = tracer.shares(&lens, to_sun, &samples, effort.rays);
+            let steps = if index < effort.flicker_poses {
+                effort.steps
+            } else {
+                0
+            };
+            let steady = (1..=steps).map(|step| {
+                let mut sun = GlobalTransform::from(stance.sun);
+                Motion::Sun.move_sun(step, &mut sun);
+                steady(&tracer, &samples, sun.back().as_dvec3().normalize())
+            });
+            let view = View {
+                stance: stance.clone(),
+                reference,
+                steady: steady.collect(),
+                truth: Truth::new(lens, samples, shares),
+            };
             done();
-            let mut motions = Vec::new();
-            for motion in Motion::ALL {
-                if index >= effort.flicker_poses {
-                    break;
-                }
-                let mut path: Vec<Still> = Vec::new();
-                for step in 1..=effort.steps {
-                    let stance = motion.step(stance, step, height);
-                    path.push(self.still(&tracer, &stance, Some(&still)));
-                    done();
-                }
-                motions.push(path);
-            }
-            View {
-                truth: Truth::new(still.lens, still.samples.clone(), shares),
-                still,
-                motions,
-            }
+            view
         };
         stances.iter().enumerate().map(&mut view).collect()
     }
 
-    fn still(&mut self, tracer: &Tracer, stance: &Stance, before: Option<&Still>) -> Still {
-        self.place(stance);
-        let reference = self.reference();
-        let (lens, to_sun) = (self.lens(), self.sun_direction());
-        Still {
-            stance: stance.clone(),
-            lens,
-            samples: tracer.picture(&lens, to_sun),
-            reference,
-            steady: before.map_or(Vec::new(), |before| {
-                if before.stance.sun == stance.sun {
-                    vec![true; before.samples.len()]
-                } else {
-                    steady(tracer, &before.samples, to_sun)
-                }
-            }),
-        }
-    }
-
-    /// The picture from a still's place, under the setting in force.
-    fn take(&mut self, still: &Still) -> Shot {
-        self.place(&still.stance);
+    /// The picture at a view, with maps laid as they are or for a small motion.
+    fn take(&mut self, view: &View, nudge: Nudge) -> Shot {
+        self.place(&view.stance);
+        self.world().insert_resource(nudge);
         let picture = self.shoot();
-        let shares = still.reference.shares(&picture);
+        let shares = view.reference.shares(&picture);
         Shot { picture, shares }
     }
 
@@ -138,7 +126,10 @@ impl Studio {
         setting: &Setting,
         mut done: impl FnMut(),
     ) -> Outcome {
-        let ours = matches!(setting.technique, Technique::Pssm(_));
+        let near = match &setting.technique {
+            Technique::Pssm(config) => config.near,
+            Technique::Bevy(stock) => f64::from(stock.near),
+        };
         let (camera, sun, height) = (self.camera, self.sun, f64::from(self.size.y));
         let mut accuracy = Accuracy::default();
         let mut flips = [Flips::default(); 4];
@@ -146,32 +137,33 @@ impl Studio {
         let mut shots: Vec<Shot> = Vec::new();
         let mut frames = Vec::new();
         for view in views {
-            let shot = self.take(&view.still);
+            let shot = self.take(view, Nudge::default());
             frames.push(self.cost.clone());
             accuracy.add(&view.truth, &shot.shares);
-            let maps = maps_of(self.world(), camera, sun, ours, height);
-            let facing = view.still.samples.iter().flatten().filter(|s| s.faces_sun);
-            let found = texels_per_pixel(&maps, &view.still.lens, facing.copied());
+            let maps = maps_of(self.world(), camera, sun, near, height);
+            let found = texels_per_pixel(&maps, &view.truth);
             fewest = [0, 1].map(|i| f64::min(fewest[i], found[i]));
             shots.push(shot);
             done();
         }
-        for (view, shot) in views.iter().zip(&shots) {
-            for (motion, path) in view.motions.iter().enumerate() {
-                for still in path {
-                    let after = self.take(still);
+        let mut view_of: Vec<usize> = (0..views.len()).collect();
+        for (index, (view, before)) in views.iter().zip(&shots).enumerate() {
+            for (motion, flips) in Motion::ALL.into_iter().zip(&mut flips) {
+                for (step, steady) in view.steady.iter().enumerate() {
+                    let after = self.take(view, Nudge(Some((motion, step + 1))));
                     frames.push(self.cost.clone());
-                    let (before, after) =
-                        (view.still.seen(&shot.shares), still.seen(&after.shares));
-                    flips[motion] += follow(before, after, &still.steady);
+                    view_of.push(index);
+                    *flips += Flips::between(&before.shares, &after.shares, steady);
                     done();
                 }
             }
         }
+        self.world().insert_resource(Nudge::default());
         // Until the counts of the last view have arrived.
         while frames.len() < views.len() + GPU_LATENCY {
             self.shoot();
             frames.push(self.cost.clone());
+            view_of.push(views.len() - 1);
         }
         for index in GPU_LATENCY..frames.len() {
             frames[index - GPU_LATENCY].gpu = frames[index].gpu;
@@ -183,17 +175,19 @@ impl Studio {
             flips,
             texels_per_pixel: fewest,
             frames,
+            view_of,
             shots,
         }
     }
 
-    /// How many pixels of all views have a fault, under the setting in force.
-    pub fn faults(&mut self, views: &[View], mut done: impl FnMut()) -> usize {
-        let of_view = |view: &View| {
-            let shares = self.take(&view.still).shares;
+    /// How wrong all views are, under the setting in force.
+    pub fn figures(&mut self, views: &[View], mut done: impl FnMut()) -> Figures {
+        let mut accuracy = Accuracy::default();
+        for view in views {
+            let shot = self.take(view, Nudge::default());
+            accuracy.add(&view.truth, &shot.shares);
             done();
-            view.truth.faults(&shares)
-        };
-        views.iter().map(of_view).sum()
+        }
+        accuracy.figures()
     }
 }

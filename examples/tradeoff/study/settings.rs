@@ -26,6 +26,9 @@ pub enum Technique {
 pub struct Stock {
     /// Texels per side of each of four maps.
     pub map_size: u32,
+    /// Where the first cascade is taken to begin, as for the plugin's (metres); Bevy's reaches to
+    /// the eye, as the plugin's does.
+    pub near: f32,
     /// Where the first cascade ends (metres).
     pub first_far: f32,
     /// Where the last one ends (metres).
@@ -34,17 +37,22 @@ pub struct Stock {
     pub depth_bias: f32,
     /// `DirectionalLight::shadow_normal_bias`.
     pub normal_bias: f32,
+    /// Whether these are no longer Bevy's defaults.
+    pub tuned: bool,
 }
 
 impl Stock {
-    /// Bevy's defaults, over a distance.
-    pub fn new(map_size: u32, far: f32) -> Self {
+    /// Bevy's defaults, over a preset's distances.
+    pub fn new(map_size: u32, preset: &ParallelSplitShadows) -> Self {
+        let far = preset.far as f32;
         Self {
             map_size,
+            near: preset.near as f32,
             first_far: CascadeShadowConfigBuilder::default().first_cascade_far_bound,
             far,
             depth_bias: DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
             normal_bias: DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
+            tuned: false,
         }
     }
 
@@ -52,7 +60,6 @@ impl Stock {
     pub fn cascades(&self) -> CascadeShadowConfig {
         CascadeShadowConfigBuilder {
             num_cascades: 4,
-            minimum_distance: (0.5 * self.first_far).min(1.0),
             first_cascade_far_bound: self.first_far,
             maximum_distance: self.far,
             ..default()
@@ -89,6 +96,11 @@ impl Setting {
         }
     }
 
+    /// Whether it is one of Bevy's, tuned.
+    pub fn is_tuned(&self) -> bool {
+        matches!(self.technique, Technique::Bevy(stock) if stock.tuned)
+    }
+
     /// `bevy` or `pssm`, as in tables.
     pub fn technique_name(&self) -> &'static str {
         match self.technique {
@@ -106,11 +118,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         far: preset.far,
         ..default()
     };
-    let sizes: &[u32] = if quick {
-        &[1024, 2048]
-    } else {
-        &[512, 1024, 2048, 4096]
-    };
+    let sizes = map_sizes(quick);
     let with = |change: &dyn Fn(&mut ParallelSplitShadows)| {
         let mut config = base.clone();
         change(&mut config);
@@ -160,8 +168,8 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
     settings
 }
 
-/// Bevy's map sizes that are compared.
-pub fn stock_sizes(quick: bool) -> &'static [u32] {
+/// Sizes of maps that are compared (texels per side).
+pub fn map_sizes(quick: bool) -> &'static [u32] {
     if quick {
         &[1024, 2048]
     } else {

@@ -15,7 +15,8 @@ use half::f16;
 use image::RgbImage;
 
 use super::{
-    cost::{CpuClockPlugin, Frame},
+    cost::{Frame, time_systems},
+    flicker::NudgePlugin,
     settings::{Setting, Technique},
     trace::Lens,
 };
@@ -41,7 +42,8 @@ pub fn measurable_app(size: UVec2, setup: impl FnOnce(&mut App)) -> Headless {
         TextureFormat::Rgba16Float,
         WgpuSettings::default(),
         |app| {
-            app.add_plugins((PssmPlugin, MeasurePlugin, CpuClockPlugin));
+            let height = size.y as f32;
+            app.add_plugins((PssmPlugin, MeasurePlugin, NudgePlugin { height }));
             setup(app);
         },
     )
@@ -175,7 +177,9 @@ impl Studio {
         let (ours, camera, sun) = (self.ours, self.camera, self.sun);
         let world = self.world();
         let gpu = counts(world.resource::<DiagnosticsStore>(), ours, since);
-        self.cost = Frame::of(world, gpu, camera, sun, ours);
+        let mut cost = Frame::of(world, gpu, camera, sun, ours);
+        cost.cpu = time_systems(world, ours);
+        self.cost = cost;
         let bytes = self.headless.read_back();
         let channel = |pair: [u8; 2]| f16::from_le_bytes(pair).to_f32();
         let pixels = bytes.as_chunks::<8>().0.iter();

@@ -24,8 +24,8 @@ const ALL: Choices = Choices {
 };
 
 const QUICK: Choices = Choices {
-    first_far: &[20.0, 60.0],
-    normal_bias: &[0.9, 1.3],
+    first_far: &[20.0, 40.0, 100.0],
+    normal_bias: &[1.2, 1.5],
     depth_bias: &[],
 };
 
@@ -41,9 +41,8 @@ pub fn attempts(quick: bool) -> usize {
 
 impl Studio {
     /// The first bound, the normal bias and the depth bias, one after the other, that leave the
-    /// fewest faulty pixels at the views, Bevy's defaults among them. Stains count as much as
-    /// wrong pixels: else the least bias wins, with stripes all over that just stay under half
-    /// the light. `done` is called after each frame.
+    /// fewest wrong pixels at the views, among those that stain no more than Bevy's defaults: else
+    /// the least bias would win, with grey stripes all over that stay just under half the light. `done` is called after each frame.
     pub fn tune(
         &mut self,
         views: &[View],
@@ -51,19 +50,26 @@ impl Studio {
         quick: bool,
         mut done: impl FnMut(),
     ) -> Stock {
-        let mut best = (usize::MAX, start);
+        self.apply(&Setting::bevy("", start));
+        let defaults = self.figures(views, &mut done);
+        let mut best = (
+            defaults.wrong_pct,
+            Stock {
+                tuned: true,
+                ..start
+            },
+        );
         let mut attempt = |change: &dyn Fn(&mut Stock)| {
             let mut stock = best.1;
             change(&mut stock);
             self.apply(&Setting::bevy("", stock));
-            let faults = self.faults(views, &mut done);
-            if faults < best.0 {
-                best = (faults, stock);
+            let found = self.figures(views, &mut done);
+            if found.stain_pct <= defaults.stain_pct && found.wrong_pct < best.0 {
+                best = (found.wrong_pct, stock);
             }
         };
-        attempt(&|_| ());
         let choices = choices(quick);
-        for first_far in choices.first_far {
+        for first_far in choices.first_far.iter().filter(|end| **end < start.far) {
             attempt(&|stock| stock.first_far = *first_far);
         }
         for normal_bias in choices.normal_bias {
