@@ -48,8 +48,8 @@ use study::{
 
 /// Rays across a pixel, for fractions.
 const RAYS: u32 = 4;
-/// Poses at which flicker is measured: the first ones.
-const FLICKER_POSES: usize = 2;
+/// Poses at which flicker is measured: the first ones. Motions cost a frame each.
+const FLICKER_POSES: usize = 1;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();

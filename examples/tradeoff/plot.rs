@@ -64,6 +64,14 @@ fn kind(row: &Row) -> usize {
     }
 }
 
+/// 1, 2, 5, 10 and so on.
+fn ticks() -> Vec<f64> {
+    let decades = (-2..6).map(|exponent| 10_f64.powi(exponent));
+    decades
+        .flat_map(|ten| [ten, 2.0 * ten, 5.0 * ten])
+        .collect()
+}
+
 fn draw_panel<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     scene: &str,
@@ -88,7 +96,9 @@ where
         .x_label_area_size(46)
         .y_label_area_size(64)
         .build_cartesian_2d(
-            (0.8 * least.max(1e-3)..1.7 * most.max(1e-2)).log_scale(),
+            (0.8 * least.max(1e-3)..2.4 * most.max(1e-2))
+                .log_scale()
+                .with_key_points(ticks()),
             0.0..1.1 * worst.max(1e-3),
         )?;
     chart
@@ -96,7 +106,7 @@ where
         .x_desc(what)
         .x_labels(12)
         .y_desc("Wrong pixels (% of those that face the sun)")
-        .x_label_formatter(&|x| format!("{x:.0}"))
+        .x_label_formatter(&|x| format!("{x}"))
         .y_label_formatter(&|y| format!("{y:.1}"))
         .label_style((FONT, 14))
         .axis_desc_style((FONT, 15))

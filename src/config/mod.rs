@@ -56,8 +56,8 @@ pub struct ParallelSplitShadows {
     /// nothing while `false`. Default `true`.
     pub enabled: bool,
     /// Number of cascades, 1 to 4. Each costs one shadow pass; too few show as blocky shadows
-    /// near the camera. Default 4, which keeps the ratio of texel sizes between neighbours
-    /// under 5 over three decades of depth.
+    /// near the camera. Default 4: with 3 up to a third more pixels are wrong in the example
+    /// scenes, for a quarter to a third fewer fragments drawn.
     #[reflect(@1..=4_u32)]
     pub cascades: u32,
     /// Where the split scheme starts (metres from the eye, above zero). Surfaces nearer than
@@ -69,24 +69,28 @@ pub struct ParallelSplitShadows {
     /// plain sight. Default 500 m.
     pub far: f64,
     /// Where cascades end in between. Default `Practical { lambda: 0.9 }`, with the first
-    /// split at 17 m. Of 0.8, 0.9, 0.95 and 0.97 it has the fewest wrong pixels that are fewer
-    /// than under Bevy's splits in each of the four example scenes; 0.8 has fewer still in
-    /// three of them, but more in the one that has figures close to the camera.
+    /// split at 17 m: of 0.7, 0.8, 0.9, 0.95 and 1 the only one with fewer wrong pixels, fewer
+    /// stains and less error than Bevy's defaults in each of the four example scenes. 0.8 has
+    /// fewer wrong pixels still in three of them, but more in the one that has figures close to
+    /// the camera.
     pub splits: SplitScheme,
     /// Share of each slice, at its far end, over which one cascade is blended into the next
     /// (0 to 0.5). Pixels there sample two maps; 0 shows a hard line where sharpness changes.
-    /// Default 0.1.
+    /// Default 0.1, for which 0.01 to 0.04 % more of the pixels are wrong.
     #[reflect(@0.0..=0.5_f64)]
     pub blend: f64,
     /// Share of the last slice over which shadows fade to light (0 to 1). Free; 0 shows a hard
-    /// line that travels with the camera. Default 0.2.
+    /// line that travels with the camera. Default 0.2, for which 0.01 % more of the pixels are
+    /// wrong at most.
     #[reflect(@0.0..=1.0_f64)]
     pub fade: f64,
-    /// How maps are laid over their slices. Default [`CascadeFit::Stable`]: crawling edges
-    /// disturb players more than a third of the sharpness lost.
+    /// How maps are laid over their slices. Default [`CascadeFit::Stable`]: under a
+    /// slow pan or turn no pixel changes, while [`CascadeFit::Tight`], with 5 to 20 % fewer wrong
+    /// pixels, has 0.04 to 0.07 % of all pixels change with every third of a pixel.
     pub fit: CascadeFit,
-    /// Texels per side of each cascade's map. Default `Same(2048)`, Bevy's own: 16 MiB and one
-    /// clear each, for every camera.
+    /// Texels per side of each cascade's map. Default `Same(2048)`: 16 MiB and one clear each,
+    /// for every camera. 1024 leaves 1.4 to 1.6 times as many wrong pixels, 4096 0.5 to 0.65
+    /// times, for a quarter and four times the memory.
     pub map_size: MapSize,
     /// Which casters are drawn into a cascade. Default [`CasterCulling::Hull`].
     pub culling: CasterCulling,
@@ -180,7 +184,9 @@ pub enum MapSize {
     /// One size for all.
     Same(u32),
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
-    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness.
+    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness,
+    /// and in all example scenes `Same` of the first size, which takes as much memory, has a
+    /// half to a quarter of the wrong pixels.
     Halving(u32),
     /// One size per cascade.
     List(Vec<u32>),

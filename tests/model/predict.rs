@@ -11,7 +11,12 @@ mod plot;
 #[path = "../../examples/predict/report.rs"]
 mod report;
 
-use bevy_pssm::geometry::aliasing::closed_form;
+use bevy::light::DirectionalLight;
+use bevy_pssm::{
+    MapSize, ParallelSplitShadows,
+    geometry::{aliasing::closed_form, fit::LookupReach, light_frame::LightFrame},
+    plan::plan_cascades,
+};
 use clap::Parser;
 use proptest::prelude::*;
 
@@ -49,6 +54,34 @@ fn logarithmic_cascades_are_alike() {
                 approx::assert_relative_eq!(storage, first, max_relative = 1e-9);
             }
         }
+    }
+}
+
+/// What `--fit stable` predicts is what the plugin plans, blend bands apart. (Its first map
+/// reaches to the eye, and is a little larger for it.)
+#[test]
+fn stable_predictions_equal_the_plans() {
+    let arguments = parse(&["--fit", "stable", "--far", "300", "--size", "1024"]).unwrap();
+    let setup = arguments.setup().unwrap();
+    let config = ParallelSplitShadows {
+        far: 300.0,
+        blend: 0.0,
+        map_size: MapSize::Same(1024),
+        ..Default::default()
+    };
+    let reach = LookupReach::new(
+        DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
+        DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
+        0.0,
+    );
+    let light = LightFrame::new(setup.to_light).unwrap();
+    let plans = plan_cascades(&setup.view, &light, &config, reach);
+    for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {
+        let planned = plan.texels_per_pixel(setup.image_height).unwrap();
+        let axes = [predicted.texels_per_pixel_x, predicted.texels_per_pixel_y];
+        let predicted = axes.map(Option::unwrap).into_iter().fold(1e9, f64::min);
+        let tolerance = if index == 0 { 0.05 } else { 1e-9 };
+        approx::assert_relative_eq!(planned, predicted, max_relative = tolerance);
     }
 }
 
