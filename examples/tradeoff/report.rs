@@ -115,11 +115,8 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> 
             row.cull_us,
         )?;
     }
-    for row in rows
-        .iter()
-        .filter(|row| row.setting.ends_with("tuned"))
-        .take(1)
-    {
+    let mut settings = rows.iter().zip(&scene.settings);
+    if let Some((row, _)) = settings.find(|(_, setting)| setting.is_tuned()) {
         writeln!(
             text,
             "\nBevy's tuned settings, likewise at all sizes: {}.",

@@ -69,8 +69,8 @@ pub struct ParallelSplitShadows {
     /// plain sight. Default 500 m.
     pub far: f64,
     /// Where cascades end in between. Default `Practical { lambda: 0.9 }`, with the first
-    /// split at 17 m: of 0.7, 0.8, 0.9, 0.95 and 1 the only one with fewer wrong pixels, fewer
-    /// stains and less error than Bevy's defaults in each of the four example scenes. 0.8 has
+    /// split at 17 m: of 0.7, 0.8, 0.9, 0.95 and 1 the only one with fewer wrong pixels
+    /// and less error than Bevy's defaults in each of the four example scenes. 0.8 has
     /// fewer wrong pixels still in three of them, but more in the one that has figures close to
     /// the camera.
     pub splits: SplitScheme,
@@ -186,7 +186,7 @@ pub enum MapSize {
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
     /// texels are drawn than in the first map alone, but each border shows a jump in sharpness,
     /// and in all example scenes `Same` of the first size, which takes as much memory, has a
-    /// half to a quarter of the wrong pixels.
+    /// quarter to three fifths of the wrong pixels.
     Halving(u32),
     /// One size per cascade.
     List(Vec<u32>),

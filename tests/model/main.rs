@@ -4,6 +4,7 @@
 mod warnings;
 
 mod aliasing;
+mod bias;
 mod culling;
 mod lights;
 mod predict;

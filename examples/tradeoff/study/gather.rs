@@ -1,5 +1,6 @@
 //! The triangles that the GPU draws, in world space: transforms, skinning, cull modes and alpha
-//! masks included. Morph targets are not: meshes with them are drawn, but not traced.
+//! masks included. Not included: morph targets, texture transforms, samplers other than the
+//! default, vertex colours' alpha, and render layers.
 
 use bevy::{
     light::{NotShadowCaster, NotShadowReceiver},

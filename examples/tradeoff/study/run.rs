@@ -73,12 +73,12 @@ impl Studio {
         effort: Effort,
         mut done: impl FnMut(),
     ) -> Vec<View> {
-        // Everything has its place after a frame, and its shaders after a few.
         self.headless.settle();
-        let tracer = Tracer::new(Geometry::gather(self.world()));
         let mut view = |(index, stance): (usize, &Stance)| {
             self.place(stance);
             let reference = self.reference();
+            // Anew for each place: a sky, say, goes with the camera.
+            let tracer = Tracer::new(Geometry::gather(self.world()));
             let (lens, to_sun) = (self.lens(), self.sun_direction());
             let samples = tracer.picture(&lens, to_sun);
             let shares = tracer.shares(&lens, to_sun, &samples, effort.rays);

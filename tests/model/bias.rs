@@ -1,0 +1,104 @@
+//! The sufficient bias: no less will do, and no more is needed.
+
+use bevy::math::{DMat4, DVec2, DVec3};
+use bevy_pssm::geometry::{
+    bias::{depth_slope, sufficient},
+    fit::{self, LookupReach},
+    light_frame::LightFrame,
+    slice::ViewVolume,
+    warp::{WarpFrame, slice_vertices},
+};
+use glam::DMat3;
+use proptest::prelude::*;
+
+fn view(eye: DVec3) -> ViewVolume {
+    let half = DVec2::new(0.75, 0.5);
+    ViewVolume {
+        eye,
+        axes: DMat3::IDENTITY,
+        min: [DVec2::ZERO, -half],
+        max: [DVec2::ZERO, half],
+        near: 0.0,
+        far: f64::INFINITY,
+    }
+}
+
+/// A stable map, or one warped by a share of what the classical rule says.
+fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
+    let view = view(eye);
+    let slice = view.slice(2.0, 40.0).expect("it is not empty");
+    let light = LightFrame::new(to_light).expect("a direction");
+    if warp == 0.0 {
+        let map = fit::stable(&slice, &light, 512, LookupReach::new(1.0, 0.1, 0.0));
+        return map.clip_from_world(&light);
+    }
+    let frame = WarpFrame::of_view(&view, light.z).expect("a frame");
+    let body = slice_vertices(&slice);
+    let strength = warp * frame.lispsm_strength(&view, 2.0, 40.0);
+    frame.clip_from_world(&body, strength)
+}
+
+fn ndc(map: &DMat4, point: DVec3) -> DVec3 {
+    map.project_point3(point)
+}
+
+/// Where the light's ray through a place in the map meets a plane.
+fn on_plane(map: &DMat4, at: DVec2, point: DVec3, normal: DVec3) -> Option<DVec3> {
+    let world_from_ndc = map.inverse();
+    let [a, b] = [0.25, 0.75].map(|z| world_from_ndc.project_point3(at.extend(z)));
+    let along = (b - a).normalize();
+    let t = (point - a).dot(normal) / along.dot(normal);
+    t.is_finite().then(|| a + t * along)
+}
+
+proptest! {
+    #[test]
+    fn a_plane_needs_exactly_the_sufficient_bias(
+        light in prop::array::uniform3(-1.0..1.0_f64),
+        turn in prop::array::uniform3(-1.0..1.0_f64),
+        eye in prop::array::uniform3(-300.0..300.0_f64),
+        depth in 3.0..35.0_f64,
+        warp in prop_oneof![Just(0.0), 0.05..1.0_f64],
+        reach in prop::array::uniform2(0.5..6.0_f64),
+    ) {
+        let (to_light, turn) = (DVec3::from(light), DVec3::from(turn));
+        prop_assume!(to_light.length() > 0.1);
+        let to_light = to_light.normalize();
+        // Towards the light, at any slope up to some 89°.
+        let normal = (to_light + 20.0 * turn).normalize();
+        let normal = normal * normal.dot(to_light).signum();
+        prop_assume!(normal.dot(to_light) > 0.017);
+        let (eye, size) = (DVec3::from(eye), DVec2::splat(512.0));
+        let map = map(eye, to_light, warp);
+        let point = eye + DVec3::new(0.2, -0.1, -1.0) * depth;
+        let slope = depth_slope(&map, point, normal).expect("it is lit");
+        let reach = DVec2::from(reach);
+        let bias = sufficient(slope, reach, size);
+
+        // The depths that a lookup at the point reads, at the corners of its reach.
+        let here = ndc(&map, point);
+        let worst = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .into_iter()
+            .filter_map(|(x, y)| {
+                let at = here.truncate() + DVec2::new(x, y) * 2.0 * reach / size;
+                on_plane(&map, at, point, normal)
+            })
+            // Reverse z: greater is nearer to the light.
+            .map(|neighbour| ndc(&map, neighbour).z - here.z)
+            .fold(0.0, f64::max);
+        let tolerance = 1e-6 * bias.max(1e-6);
+        prop_assert!((worst - bias).abs() <= tolerance, "{worst} needed, {bias} given");
+    }
+}
+
+#[test]
+fn planes_across_the_light_need_none_unwarped_and_edge_on_ones_have_none() {
+    let map = map(DVec3::ZERO, DVec3::Y, 0.0);
+    let point = DVec3::new(0.3, -1.0, -9.0);
+    let flat = depth_slope(&map, point, DVec3::Y).expect("it faces the light");
+    assert!(flat.length() < 1e-12, "{flat}");
+    assert!(sufficient(flat, DVec2::ONE, DVec2::ONE) < 1e-12);
+    assert_eq!(depth_slope(&map, point, DVec3::X), None);
+    assert_eq!(depth_slope(&map, point, DVec3::ZERO), None);
+    assert_eq!(depth_slope(&DMat4::ZERO, point, DVec3::Y), None);
+}
