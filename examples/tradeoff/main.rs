@@ -18,6 +18,7 @@ mod progress;
 mod report;
 mod study;
 
+use core::error::Error;
 use std::{process::ExitCode, time::Instant};
 
 use bevy::{
@@ -65,7 +66,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &Arguments) -> Result<(), BevyError> {
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     let scenes = arguments.scenes()?;
     let wanted = arguments.settings()?;
@@ -158,7 +159,7 @@ fn measure_scene(
     wanted: &[Setting],
     stage: SceneStage,
     progress: &mut Progress,
-) -> Result<SceneReport, BevyError> {
+) -> Result<SceneReport, Box<dyn Error>> {
     let name = &scene.name;
     let poses = arguments.poses(scene.description.camera.poses.len());
     let places: Vec<Transform> = (0..poses).map(|index| stage.pose(index)).collect();

@@ -1,8 +1,9 @@
 //! Wrong pixels against cost, as SVG and PNG.
 
+use core::error::Error;
 use std::path::Path;
 
-use bevy::{ecs::error::BevyError, text::DEFAULT_FONT_DATA};
+use bevy::text::DEFAULT_FONT_DATA;
 use plotters::{coord::Shift, prelude::*, style::register_font};
 
 use crate::{
@@ -17,7 +18,7 @@ const FONT: &str = "sans-serif";
 ///
 /// # Errors
 /// If they cannot be drawn or written.
-pub fn pareto(out: &Path, scene: &str, rows: &[Row]) -> Result<(), BevyError> {
+pub fn pareto(out: &Path, scene: &str, rows: &[Row]) -> Result<(), Box<dyn Error>> {
     register_font(FONT, FontStyle::Normal, DEFAULT_FONT_DATA).map_err(|_| "the font is broken")?;
     let path = |end: &str| out.join(format!("pareto_{scene}.{end}"));
     draw(
@@ -36,7 +37,7 @@ fn draw<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     scene: &str,
     rows: &[Row],
-) -> Result<(), BevyError>
+) -> Result<(), Box<dyn Error>>
 where
     B::ErrorType: 'static,
 {
@@ -77,7 +78,7 @@ fn draw_panel<B: DrawingBackend>(
     scene: &str,
     rows: &[Row],
     axis: Axis,
-) -> Result<(), BevyError>
+) -> Result<(), Box<dyn Error>>
 where
     B::ErrorType: 'static,
 {

@@ -1,9 +1,7 @@
 //! `results.csv`, `report.md` and what they point to.
 
-use core::fmt::Write as _;
+use core::{error::Error, fmt::Write as _};
 use std::path::Path;
-
-use bevy::prelude::*;
 
 use crate::{
     pareto::{Axis, front},
@@ -35,7 +33,7 @@ pub struct SceneReport {
 ///
 /// # Errors
 /// If it cannot be written.
-pub fn write_csv(out: &Path, scenes: &[SceneReport]) -> Result<(), BevyError> {
+pub fn write_csv(out: &Path, scenes: &[SceneReport]) -> Result<(), Box<dyn Error>> {
     let mut csv = csv::Writer::from_path(out.join("results.csv"))?;
     for row in scenes.iter().flat_map(|scene| &scene.rows) {
         csv.serialize(row)?;
@@ -53,7 +51,7 @@ pub fn picture_name(scene: &str, setting: &str) -> String {
 ///
 /// # Errors
 /// If they cannot be written.
-pub fn write(out: &Path, head: &str, scenes: &[SceneReport]) -> Result<(), BevyError> {
+pub fn write(out: &Path, head: &str, scenes: &[SceneReport]) -> Result<(), Box<dyn Error>> {
     let mut text = format!(
         "# Shadow settings: speed, memory and accuracy\n\n{head}\n\nAccuracy is measured against \
          rays, over the pixels that face the sun. Counts and accuracy repeat exactly; times do \
@@ -72,7 +70,7 @@ pub fn write(out: &Path, head: &str, scenes: &[SceneReport]) -> Result<(), BevyE
     Ok(())
 }
 
-fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> {
+fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {
     let rows = &scene.rows;
     let (by_time, by_mib) = (front(rows, Axis::Time), front(rows, Axis::Memory));
     writeln!(
@@ -157,7 +155,7 @@ fn full_name(row: &Row) -> String {
     }
 }
 
-fn write_recommendations(text: &mut String, scene: &SceneReport) -> Result<(), BevyError> {
+fn write_recommendations(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {
     let within = |fits: &dyn Fn(&Row) -> bool| {
         let ours = scene.rows.iter().zip(&scene.settings);
         ours.filter(|(row, setting)| fits(row) && matches!(setting.technique, Technique::Pssm(_)))
@@ -216,7 +214,7 @@ const FIGURES: [Figure; 9] = [
 ];
 
 /// Where Bevy's own shadows are as good or better, at equal texels.
-fn write_comparison(text: &mut String, scenes: &[SceneReport]) -> Result<(), BevyError> {
+fn write_comparison(text: &mut String, scenes: &[SceneReport]) -> Result<(), Box<dyn Error>> {
     let is_stock = |row: &&Row| row.technique == "bevy";
     if !scenes
         .iter()
