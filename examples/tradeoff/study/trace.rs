@@ -48,14 +48,6 @@ impl Lens {
         }
     }
 
-    /// Pixel coordinates of a point in world space; `None` behind the camera.
-    pub fn pixel(&self, point: DVec3) -> Option<DVec2> {
-        let clip = self.clip_from_world * point.extend(1.0);
-        let ndc = clip.truncate() / clip.w;
-        let at = (ndc.truncate() * DVec2::new(0.5, -0.5) + 0.5) * self.size.as_dvec2();
-        (clip.w > 0.0).then_some(at)
-    }
-
     /// Width of a pixel at a point in world space (metres).
     pub fn pixel_size(&self, point: DVec3) -> f64 {
         let [y, w] = [1, 3].map(|row| self.clip_from_world.row(row));

@@ -42,7 +42,8 @@ pub fn attempts(quick: bool) -> usize {
 impl Studio {
     /// The first bound, the normal bias and the depth bias, one after the other, that leave the
     /// fewest wrong pixels at the views, among those that stain no more than Bevy's defaults: else
-    /// the least bias would win, with grey stripes all over that stay just under half the light. `done` is called after each frame.
+    /// the least bias would win, with grey stripes all over that stay just under half the light.
+    /// `done` is called after each frame.
     pub fn tune(
         &mut self,
         views: &[View],
