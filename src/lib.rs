@@ -26,7 +26,7 @@
 //!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`,
 //!   `CascadeShadowConfig`, `CascadesFrusta` and `CascadesVisibleEntities` are kept true.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
-//! - [`ShadowOverlay`] tints the picture by cascade.
+//! - [`ShadowOverlay`] shows cascades, shadows, biases or texels per pixel in the picture.
 //! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
 //!
 //! # Limits
@@ -45,7 +45,8 @@ pub mod shaders;
 pub mod systems;
 
 pub use config::{
-    CascadeFit, CasterCulling, ConfigError, MapSize, ParallelSplitShadows, ShadowPreset,
+    CascadeFit, CascadeTransition, CasterCulling, CasterFaces, ConfigError, DepthDistribution,
+    FilterRadius, MapSize, ParallelSplitShadows, ShadowBias, ShadowFilter, ShadowPreset,
     ShadowPresetError, SplitScheme,
 };
 pub use debug::ShadowOverlay;
@@ -61,8 +62,9 @@ use bevy::{
 pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
-        CascadeFit, CasterCulling, MapSize, ParallelSplitShadows, PssmPlugin, ShadowOverlay,
-        ShadowPreset, SplitScheme,
+        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution,
+        FilterRadius, MapSize, ParallelSplitShadows, PssmPlugin, ShadowBias, ShadowFilter,
+        ShadowOverlay, ShadowPreset, SplitScheme,
     };
 }
 

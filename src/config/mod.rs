@@ -1,9 +1,14 @@
 //! The component that holds a light's whole shadow configuration, its checks and its RON form.
 
 mod error;
+mod filter;
 mod preset;
 
 pub use error::ConfigError;
+pub use filter::{
+    CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, MAX_FILTER_TEXELS, ShadowBias,
+    ShadowFilter,
+};
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 
 pub(crate) use preset::MaxMapSize;
@@ -30,10 +35,9 @@ pub const MIN_MAP_SIZE: u32 = 64;
 /// Removing the component brings Bevy's own shadows back exactly as they were configured.
 /// `CascadeShadowConfig` is overwritten while it is present.
 ///
-/// `DirectionalLight::shadow_depth_bias` and `soft_shadow_size`, the cameras'
-/// `ShadowFilteringMethod`, and `NotShadowCaster` and `NotShadowReceiver` keep their meaning.
-/// `shadow_normal_bias` is an upper bound: a surface is moved by no more than the filter needs
-/// at its angle to the light.
+/// The cameras' `ShadowFilteringMethod`, `NotShadowCaster` and `NotShadowReceiver` keep their
+/// meaning. `DirectionalLight::shadow_depth_bias` and `shadow_normal_bias` multiply the bias
+/// around Bevy's defaults ([`ShadowBias`]): leave them alone.
 ///
 /// A value outside its range is reported once, and the last good configuration stays in force.
 ///
@@ -94,6 +98,17 @@ pub struct ParallelSplitShadows {
     pub map_size: MapSize,
     /// Which casters are drawn into a cascade. Default [`CasterCulling::Hull`].
     pub culling: CasterCulling,
+    /// What keeps surfaces from shadowing themselves. Default [`ShadowBias::Automatic`], which
+    /// needs no number.
+    pub bias: ShadowBias,
+    /// How soft the edges of shadows are. Default [`ShadowFilter::Camera`].
+    pub filter: ShadowFilter,
+    /// How one cascade gives way to the next. Default [`CascadeTransition::CrossFade`].
+    pub transition: CascadeTransition,
+    /// Which faces of casters the maps hold. Default [`CasterFaces::Front`].
+    pub caster_faces: CasterFaces,
+    /// How depth grows over a warped map. Default [`DepthDistribution::Hyperbolic`].
+    pub depth: DepthDistribution,
 }
 
 impl Default for ParallelSplitShadows {
@@ -109,6 +124,11 @@ impl Default for ParallelSplitShadows {
             fit: CascadeFit::default(),
             map_size: MapSize::default(),
             culling: CasterCulling::default(),
+            bias: ShadowBias::default(),
+            filter: ShadowFilter::default(),
+            transition: CascadeTransition::default(),
+            caster_faces: CasterFaces::default(),
+            depth: DepthDistribution::default(),
         }
     }
 }
@@ -242,7 +262,9 @@ impl ParallelSplitShadows {
         self.splits.validate(self)?;
         ConfigError::check_range("blend", self.blend, 0.0..=0.5)?;
         ConfigError::check_range("fade", self.fade, 0.0..=1.0)?;
-        self.map_size.validate(self.cascades, max_map_size)
+        self.map_size.validate(self.cascades, max_map_size)?;
+        self.bias.validate()?;
+        self.filter.validate()
     }
 }
 

@@ -5,11 +5,27 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// What is drawn over the picture.
+/// What managed lights show in the picture.
+///
+/// All but [`ShadowOverlay::CascadeTint`] take the place of the light's own light, whatever the
+/// material: surfaces that receive shadows show a colour, on top of what other lights add.
+/// Numbers are greys of linear light, read off pictures in float formats as they are.
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
-pub struct ShadowOverlay {
-    /// Colours the light of managed lights by cascade: red, green, blue, yellow, and grey where
-    /// shadows have ended.
-    pub cascade_tint: bool,
+pub enum ShadowOverlay {
+    /// Nothing but its light.
+    #[default]
+    None,
+    /// Its light in the colour of the cascade: red, green, blue, yellow, and grey where shadows
+    /// have ended.
+    CascadeTint,
+    /// The share of its light that arrives: white where all does.
+    Light,
+    /// The cascade by the same colours.
+    Cascade,
+    /// The bias in texels, along the light: 0.1 (linear) is one texel.
+    Bias,
+    /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
+    /// one, texels show.
+    TexelsPerPixel,
 }

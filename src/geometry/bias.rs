@@ -4,34 +4,83 @@
 //! A map stores the depth of texel centres, and a lookup reads those around it, so on a slope it
 //! finds texels that are nearer to the light than the surface at the lookup. A map's matrix
 //! takes planes to planes: the depth changes evenly over the map, and the greatest change within
-//! the lookup's reach is necessary and sufficient.
+//! the lookup's reach is necessary and sufficient ([`sufficient`]).
+//!
+//! Let `X`, `Y` and `Z` be the gradients of NDC over the world at the point
+//! ([`MapDerivatives`]), and `n` the plane's normal. The depth's slopes `a` and `b` along the map's
+//! axes are those for which `Z − aX − bY` is parallel to `n`, that is
+//! `a = Z·(Y × n) / X·(Y × n)` and `b = Z·(n × X) / X·(Y × n)`. A filter of many taps compares
+//! each with the plane at its own place, by these slopes, so the bias has to cover the reach of
+//! one tap only ([`TAP_REACH`]), whatever the filter. [`automatic`] adds what walls on the
+//! plane and the rounding of positions need. `shaders/receiver.wesl` does the same on the GPU.
 
 use glam::{DMat4, DVec2, DVec3};
 
-/// Sines of the angle between a plane and the light's rays below this have no bias that
-/// suffices: the plane is edge-on, and gets no light to speak of.
-const EDGE_ON: f64 = 1e-9;
+/// What a bilinear tap reads: texel centres less than one texel away, along both axes; and the
+/// 1/256 of a texel that rasterisers round vertices to, with a margin (texels).
+pub const TAP_REACH: f64 = 1.0 + 1.0 / 64.0;
 
-/// Change of NDC depth per NDC length along a map's x and y, over a plane through `point` with
-/// this normal (both in world space). `None` if the plane is edge-on to the light, or the map
-/// has no image of the point.
-pub fn depth_slope(clip_from_world: &DMat4, point: DVec3, normal: DVec3) -> Option<DVec2> {
-    let clip = *clip_from_world * point.extend(1.0);
-    let (a, b) = normal.try_normalize()?.any_orthonormal_pair();
-    // Derivatives of NDC along two directions in the plane.
-    let [a, b] = [a, b].map(|direction| {
-        let change = *clip_from_world * direction.extend(0.0);
-        (change.truncate() - clip.truncate() / clip.w * change.w) / clip.w
-    });
-    let determinant = a.x * b.y - a.y * b.x;
-    let size = a.truncate().length() * b.truncate().length();
-    let sound = clip.w > 0.0 && determinant.abs() > EDGE_ON * size;
-    sound.then(|| {
-        DVec2::new(
-            (a.z * b.y - b.z * a.y) / determinant,
-            (b.z * a.x - a.z * b.x) / determinant,
-        )
-    })
+/// The automatic bias is never below that of a plane with this slope (metres towards the light
+/// per metre across it): a wall may stand on the plane, and rises within one tap's reach.
+pub const LEAST_SLOPE: f64 = 1.0;
+
+/// Where a filter's taps differ, casters that rise by less than this from the lookup's point
+/// (metres towards the light per metre across it, on top of the plane's own slope) may be a bend
+/// of the surface itself.
+pub const CORNER_SLOPE: u32 = 4;
+
+/// Planes whose normal is across the light as far as the sine of this one's reciprocal count as
+/// though they were not farther (89.6°): they get no light to speak of.
+pub const EDGE_ON_RECIPROCAL: u32 = 128;
+
+/// World positions are rounded by one part in so many, matrices' products included.
+pub const ROUNDING_RECIPROCAL: u32 = 1 << 22;
+
+/// NDC at a point of the world, and its gradients there (per metre).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapDerivatives {
+    /// NDC of the point.
+    pub ndc: DVec3,
+    /// Gradient of NDC x.
+    pub x: DVec3,
+    /// Gradient of NDC y.
+    pub y: DVec3,
+    /// Gradient of NDC depth.
+    pub z: DVec3,
+}
+
+impl MapDerivatives {
+    /// At a point in world space. `None` where the map has no image of it.
+    pub fn at(clip_from_world: &DMat4, point: DVec3) -> Option<Self> {
+        let clip = *clip_from_world * point.extend(1.0);
+        let ndc = clip.truncate() / clip.w;
+        let row = |index| clip_from_world.row(index).truncate();
+        let gradient = |index, value| (row(index) - value * row(3)) / clip.w;
+        (clip.w > 0.0 && ndc.is_finite()).then(|| Self {
+            ndc,
+            x: gradient(0, ndc.x),
+            y: gradient(1, ndc.y),
+            z: gradient(2, ndc.z),
+        })
+    }
+
+    /// Change of NDC depth per NDC length along the map's x and y, over the plane through the
+    /// point with this normal (world space, of any length). `None` if the normal has no
+    /// direction or the map no area.
+    pub fn depth_slope(&self, normal: DVec3) -> Option<DVec2> {
+        let normal = normal.try_normalize()?;
+        let (y_and_normal, normal_and_x) = (self.y.cross(normal), normal.cross(self.x));
+        let area = self.x.dot(y_and_normal);
+        let least = self.x.length() * self.y.length() / f64::from(EDGE_ON_RECIPROCAL);
+        let sound = area.abs().max(least).copysign(area);
+        (least > 0.0)
+            .then(|| DVec2::new(self.z.dot(y_and_normal), self.z.dot(normal_and_x)) / sound)
+    }
+
+    /// Size of a texel across the light, along the map's axes (metres).
+    pub fn texel(&self, map_size: f64) -> DVec2 {
+        2.0 / map_size / DVec2::new(self.x.length(), self.y.length())
+    }
 }
 
 /// The bias in NDC depth that suffices for lookups that read texel centres at most `reach`
@@ -39,4 +88,24 @@ pub fn depth_slope(clip_from_world: &DMat4, point: DVec3, normal: DVec3) -> Opti
 /// bilinear tap's one, that of a kernel of bilinear taps up to `j` texels away `j + 1`.
 pub fn sufficient(slope: DVec2, reach: DVec2, map_size: DVec2) -> f64 {
     (2.0 * reach / map_size).dot(slope.abs())
+}
+
+/// The bias that every tap of a lookup gets ([`ShadowBias::Automatic`](crate::ShadowBias)), in
+/// NDC depth: what one tap reads of the plane, or of a wall on it, and what positions are rounded
+/// by. `None` as for [`MapDerivatives`].
+pub fn automatic(
+    clip_from_world: &DMat4,
+    point: DVec3,
+    normal: DVec3,
+    to_light: DVec3,
+    map_size: f64,
+) -> Option<f64> {
+    let map = MapDerivatives::at(clip_from_world, point)?;
+    let slope = map.depth_slope(normal)?;
+    let reach = sufficient(slope, DVec2::splat(TAP_REACH), DVec2::splat(map_size));
+    let texel = map.texel(map_size);
+    let wall = LEAST_SLOPE * texel.max_element() * map.z.dot(to_light.try_normalize()?).abs();
+    let rounding = (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
+    let sideways = (slope.abs() * 2.0 / map_size / texel).element_sum();
+    Some(reach.max(wall) + rounding * (map.z.length() + sideways))
 }

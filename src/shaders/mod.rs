@@ -17,7 +17,7 @@ use bevy::{
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
 
-use crate::render::GpuSupport;
+use crate::{config::MAX_FILTER_TEXELS, geometry::bias, render::GpuSupport};
 
 /// Where Bevy keeps the module.
 const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
@@ -25,12 +25,58 @@ const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
 /// Marks the uniform slot that holds our data: no component of a direction is this large.
 pub(crate) const SLOT_MARK: u32 = 20_607;
 
+/// Variants of the configuration, as the shader knows them.
+pub(crate) mod code {
+    pub const BIAS_AUTOMATIC: u32 = 0;
+    pub const BIAS_CONSTANT: u32 = 1;
+    pub const BIAS_SLOPE_SCALED: u32 = 2;
+    pub const BIAS_NORMAL_OFFSET: u32 = 3;
+    pub const BIAS_RECEIVER_PLANE: u32 = 4;
+
+    pub const FILTER_CAMERA: u32 = 0;
+    pub const FILTER_HARDWARE: u32 = 1;
+    pub const FILTER_TENT: u32 = 2;
+    pub const FILTER_TEMPORAL: u32 = 3;
+    pub const FILTER_SOFT: u32 = 4;
+
+    /// Overlays from here on take the light's place.
+    pub const OVERLAY_TINT: u32 = 1;
+    pub const OVERLAY_LIGHT: u32 = 2;
+    pub const OVERLAY_CASCADE: u32 = 3;
+    pub const OVERLAY_BIAS: u32 = 4;
+    pub const OVERLAY_TEXELS: u32 = 5;
+}
+
+/// Constants of the library, `constants::…` there. Fractions by their reciprocals.
+const CONSTANTS: [(&str, u32); 20] = [
+    ("PSSM_MARK", SLOT_MARK),
+    ("PSSM_ROUNDING", bias::ROUNDING_RECIPROCAL),
+    ("PSSM_EDGE_ON", bias::EDGE_ON_RECIPROCAL),
+    ("PSSM_CORNER", bias::CORNER_SLOPE),
+    ("PSSM_MAX_FILTER_TEXELS", MAX_FILTER_TEXELS as u32),
+    ("PSSM_GAUSSIAN_HUNDREDTHS", 265),
+    ("PSSM_TEMPORAL_HUNDREDTHS", 200),
+    ("PSSM_BIAS_AUTOMATIC", code::BIAS_AUTOMATIC),
+    ("PSSM_BIAS_SLOPE_SCALED", code::BIAS_SLOPE_SCALED),
+    ("PSSM_BIAS_NORMAL_OFFSET", code::BIAS_NORMAL_OFFSET),
+    ("PSSM_BIAS_RECEIVER_PLANE", code::BIAS_RECEIVER_PLANE),
+    ("PSSM_FILTER_CAMERA", code::FILTER_CAMERA),
+    ("PSSM_FILTER_TENT", code::FILTER_TENT),
+    ("PSSM_FILTER_TEMPORAL", code::FILTER_TEMPORAL),
+    ("PSSM_FILTER_SOFT", code::FILTER_SOFT),
+    ("PSSM_OVERLAY_TINT", code::OVERLAY_TINT),
+    ("PSSM_OVERLAY_LIGHT", code::OVERLAY_LIGHT),
+    ("PSSM_OVERLAY_CASCADE", code::OVERLAY_CASCADE),
+    ("PSSM_OVERLAY_BIAS", code::OVERLAY_BIAS),
+    ("PSSM_OVERLAY_TEXELS", code::OVERLAY_TEXELS),
+];
+
 const IMPORTS: &str = "
 import bevy_pssm::shaders::{
     directional::{
-        cascade_at_depth, cascade_tint, fetch_split_shadow, fog_lookup, sample_first_covering,
+        cascade_at_depth, cascade_overlay, fetch_split_shadow, fog_lookup, sample_from_cascade,
     },
-    slot::{is_managed, stock_uv_scale, tints_cascades},
+    slot::{is_managed, stock_uv_scale},
 };
 ";
 
@@ -72,6 +118,9 @@ impl FromWorld for ShadowModule {
 
 pub(crate) fn build(app: &mut App) {
     load_shader_library!(app, "slot.wesl");
+    load_shader_library!(app, "receiver.wesl");
+    load_shader_library!(app, "filter.wesl");
+    load_shader_library!(app, "overlay.wesl");
     load_shader_library!(app, "directional.wesl");
     app.init_resource::<ShadowModule>();
 }
@@ -107,10 +156,19 @@ pub(crate) fn replace_shadow_module(
 /// Constants that the library shares with Rust, and the switch that makes Bevy call
 /// `cascade_debug_visualization`.
 pub fn shader_defs() -> Vec<ShaderDefVal> {
-    vec![
-        ShaderDefVal::UInt("PSSM_MARK".into(), SLOT_MARK),
+    let mut defs: Vec<ShaderDefVal> = CONSTANTS
+        .iter()
+        .map(|(name, value)| ShaderDefVal::UInt((*name).into(), *value))
+        .collect();
+    defs.extend([
+        // Browsers reject derivatives where control flow may differ between pixels.
+        ShaderDefVal::Bool(
+            "PSSM_DERIVATIVES".into(),
+            cfg!(not(target_family = "wasm")),
+        ),
         ShaderDefVal::Bool("DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(), true),
-    ]
+    ]);
+    defs
 }
 
 /// The text that replaces Bevy's module of text `stock`; `None` if that lacks what is renamed

@@ -1,0 +1,186 @@
+//! How shadow maps are looked up: bias, filter, and the way from one cascade into the next.
+
+use bevy::reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault};
+use serde::{Deserialize, Serialize};
+
+use super::ConfigError;
+
+/// The largest filter radius that stays affordable (texels): beyond it a lookup reads hundreds
+/// of texels.
+pub const MAX_FILTER_TEXELS: f64 = 8.0;
+
+/// How far a lookup is moved towards the light so that surfaces do not shadow themselves.
+///
+/// `DirectionalLight::shadow_normal_bias` and `shadow_depth_bias` act as multipliers around
+/// Bevy's defaults (1.8 and 0.02): twice the default doubles the part of the bias that
+/// follows the slope and the part that does not, and zero takes it away.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum ShadowBias {
+    /// What suffices and no more, by the map's matrix, the surface's plane and what one tap of
+    /// the filter reads ([`geometry::bias`](crate::geometry::bias)); each tap is compared with
+    /// the surface's plane at its own place, so that wide filters need no more than narrow
+    /// ones.
+    #[default]
+    Automatic,
+    /// The same everywhere. Either it is too little on slopes or too much elsewhere.
+    Constant {
+        /// Towards the light (metres, at least 0).
+        metres: f64,
+    },
+    /// Grows with the depth's slope over the map, as the rasteriser's slope-scaled bias does
+    /// (Scherzer and Wimmer, 4.2).
+    SlopeScaled {
+        /// Times the greatest change of depth from texel to texel (at least 0). Twice the
+        /// filter's reach in texels suffices on planes.
+        factor: f64,
+        /// On top of that (metres, at least 0).
+        metres: f64,
+    },
+    /// Moves the lookup along the surface's normal, as far as the sine of the angle between
+    /// normal and light says. Moves shadows off their casters as well.
+    NormalOffset {
+        /// At a sine of 1 (texels, at least 0).
+        texels: f64,
+    },
+    /// Compares each tap with the surface's plane at its own place, and moves all by the same.
+    ReceiverPlane {
+        /// Towards the light (metres, at least 0).
+        metres: f64,
+    },
+}
+
+/// How depth grows over a warped map. Without a warp the two are one.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum DepthDistribution {
+    /// As the warp's division leaves it: planes stay planes, so the automatic bias is exact.
+    #[default]
+    Hyperbolic,
+    /// As though the map held distances along the light (Scherzer and Wimmer, 4.2): taps are
+    /// compared with the plane that faces the light. Of use with
+    /// [`ShadowBias::Constant`] and [`ShadowBias::SlopeScaled`], which then need less; the
+    /// other biases know better planes.
+    Linear,
+}
+
+/// Which faces of closed casters the maps hold.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum CasterFaces {
+    /// Those that materials show.
+    #[default]
+    Front,
+    /// Those that materials cull (Scherzer and Wimmer, 4.2): lit surfaces are not in the map
+    /// and cannot shadow themselves, but open meshes and ground cast no shadow, and thin ones
+    /// leak. The bias turns around: away from the light.
+    Back,
+}
+
+/// How the neighbourhood of a lookup is weighed.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum ShadowFilter {
+    /// As the camera's `ShadowFilteringMethod` says: `Hardware2x2`, a tent of 2.65 texels for
+    /// `Gaussian`, which has the variance of Bevy's kernel, or `Temporal` of 2 texels. A light
+    /// with a `soft_shadow_size` casts [`ShadowFilter::Soft`] shadows instead: 10 is about
+    /// the sun.
+    #[default]
+    Camera,
+    /// The four nearest texels, by bilinear weights: one tap.
+    Hardware2x2,
+    /// All texels within the radius, weights falling evenly to zero. Radius 1 is
+    /// `Hardware2x2`; `r` texels take about `(r + ½)²` taps.
+    Tent(FilterRadius),
+    /// Eight taps on a spiral, turned from pixel to pixel and frame to frame: for cameras with
+    /// temporal antialiasing; grainy otherwise.
+    Temporal(FilterRadius),
+    /// Percentage-closer soft shadows: the farther the caster from the surface, the softer. 16
+    /// taps to find how far, 16 to filter, turned from pixel to pixel.
+    Soft {
+        /// How large the sun looks (degrees, above 0 and at most 20). The real one: 0.53.
+        sun_degrees: f64,
+    },
+}
+
+/// The radius of a filter. Measured across the light: in a warped map the filter covers the
+/// same shape in the world.
+#[derive(Reflect, Serialize, Deserialize, Debug, Clone, Copy, PartialEq)]
+#[reflect(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum FilterRadius {
+    /// In texels of each map (1 to [`MAX_FILTER_TEXELS`]): as sharp as the map allows.
+    Texels(f64),
+    /// In metres (above 0): edges are equally soft in all cascades, as far as 1 to
+    /// [`MAX_FILTER_TEXELS`] of their texels allow.
+    Metres(f64),
+}
+
+/// How one cascade gives way to the next within the blend band.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum CascadeTransition {
+    /// Both are looked up and mixed.
+    #[default]
+    CrossFade,
+    /// One of the two is looked up, by a pattern that changes from frame to frame: costs
+    /// nothing, for cameras with temporal antialiasing.
+    Dither,
+}
+
+impl ShadowBias {
+    pub(super) fn validate(self) -> Result<(), ConfigError> {
+        /// More than this many metres or texels is a mistake.
+        const MOST: f64 = 1000.0;
+        let check = |field, value| ConfigError::check_range(field, value, 0.0..=MOST);
+        match self {
+            Self::Automatic => Ok(()),
+            Self::Constant { metres } | Self::ReceiverPlane { metres } => check("metres", metres),
+            Self::SlopeScaled { factor, metres } => {
+                check("factor", factor)?;
+                check("metres", metres)
+            }
+            Self::NormalOffset { texels } => check("texels", texels),
+        }
+    }
+}
+
+impl ShadowFilter {
+    pub(super) fn validate(self) -> Result<(), ConfigError> {
+        match self {
+            Self::Camera | Self::Hardware2x2 => Ok(()),
+            Self::Tent(radius) | Self::Temporal(radius) => match radius {
+                FilterRadius::Texels(texels) => {
+                    ConfigError::check_range("Texels", texels, 1.0..=MAX_FILTER_TEXELS)
+                }
+                FilterRadius::Metres(metres) => ConfigError::check_positive("Metres", metres),
+            },
+            Self::Soft { sun_degrees } => {
+                if sun_degrees > 0.0 && sun_degrees <= 20.0 {
+                    return Ok(());
+                }
+                Err(ConfigError::out_of_range(
+                    "sun_degrees",
+                    sun_degrees,
+                    "above 0 and at most 20",
+                ))
+            }
+        }
+    }
+
+    /// How far a lookup reads from its point, in texels, one bilinear tap included.
+    pub fn reach_texels(self) -> f64 {
+        match self {
+            // The camera may ask for any of Bevy's methods.
+            Self::Camera => 4.0,
+            Self::Hardware2x2 => 1.0,
+            Self::Tent(FilterRadius::Texels(texels))
+            | Self::Temporal(FilterRadius::Texels(texels)) => texels + 1.0,
+            Self::Tent(FilterRadius::Metres(_))
+            | Self::Temporal(FilterRadius::Metres(_))
+            | Self::Soft { .. } => MAX_FILTER_TEXELS + 1.0,
+        }
+    }
+}
