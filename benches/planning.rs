@@ -8,7 +8,7 @@ use bevy::{
 };
 use bevy_pssm::{
     CascadeFit, ParallelSplitShadows,
-    geometry::{fit::LookupReach, light_frame::LightFrame, slice::ViewVolume},
+    geometry::{light_frame::LightFrame, slice::ViewVolume},
     plan::plan_cascades,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -23,7 +23,7 @@ fn planning(criterion: &mut Criterion) {
     )
     .expect("a sound camera");
     let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");
-    let reach = LookupReach::new(1.8, 0.02, 0.0);
+    let reach = ParallelSplitShadows::default().lookup_reach(1.8);
     for fit in [CascadeFit::Stable, CascadeFit::Tight] {
         let config = ParallelSplitShadows {
             fit,

@@ -62,9 +62,9 @@ use bevy::{
 pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
-        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution,
-        FilterRadius, MapSize, ParallelSplitShadows, PssmPlugin, ShadowBias, ShadowFilter,
-        ShadowOverlay, ShadowPreset, SplitScheme,
+        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution, FilterRadius,
+        MapSize, ParallelSplitShadows, PssmPlugin, ShadowBias, ShadowFilter, ShadowOverlay,
+        ShadowPreset, SplitScheme,
     };
 }
 

@@ -1,10 +1,10 @@
 //! From a view, a light and a configuration to the cascades that will be drawn: one pure
 //! function, no ECS, that calls [`geometry`](crate::geometry) in order.
 
-use glam::{DMat4, DVec2};
+use glam::{DMat4, DVec2, DVec3};
 
 use crate::{
-    config::{CascadeFit, ParallelSplitShadows},
+    config::{CascadeFit, CasterFaces, ParallelSplitShadows},
     geometry::{
         aliasing::Aliasing,
         fit::{self, LookupReach},
@@ -117,9 +117,14 @@ fn plan_map(
         CascadeFit::Stable => fit::stable(&slice, light, map_size, reach),
         CascadeFit::Tight => fit::tight(&slice, light, map_size, reach),
     };
+    // Mirrored, triangles turn their backs on the rasteriser.
+    let turned = match config.caster_faces {
+        CasterFaces::Front => DMat4::IDENTITY,
+        CasterFaces::Back => DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0)),
+    };
     let [clip_from_world, clip_from_cascade, world_from_cascade] = [
-        map.clip_from_world(light),
-        map.clip_from_cascade(),
+        turned * map.clip_from_world(light),
+        turned * map.clip_from_cascade(),
         map.world_from_cascade(light),
     ];
     let published = [clip_from_world, clip_from_cascade, world_from_cascade];
@@ -132,7 +137,7 @@ fn plan_map(
         [light.x, light.y],
         seen.as_ref().unwrap_or(&slice),
     );
-    let margin = reach.texels * map.texel.max_element() + reach.metres;
+    let margin = reach.texels * map.texel.max_element();
     Some(CascadeMap {
         clip_from_world,
         clip_from_cascade,

@@ -117,7 +117,7 @@ fn press_keys(
         show.ours = !show.ours;
     }
     if keys.just_pressed(KeyCode::KeyT) {
-        overlay.cascade_tint = !overlay.cascade_tint;
+        *overlay = following(*overlay);
     }
     if keys.just_pressed(KeyCode::KeyO) {
         moving.0 = !moving.0;
@@ -194,6 +194,16 @@ fn fly_path(
     }
 }
 
+fn following(overlay: ShadowOverlay) -> ShadowOverlay {
+    match overlay {
+        ShadowOverlay::None => ShadowOverlay::CascadeTint,
+        ShadowOverlay::CascadeTint => ShadowOverlay::Light,
+        ShadowOverlay::Light => ShadowOverlay::Bias,
+        ShadowOverlay::Bias => ShadowOverlay::TexelsPerPixel,
+        ShadowOverlay::TexelsPerPixel | ShadowOverlay::Cascade => ShadowOverlay::None,
+    }
+}
+
 fn write_help(
     show: Res<Show>,
     overlay: Res<ShadowOverlay>,
@@ -214,7 +224,7 @@ fn write_help(
     let text = format!(
         "1-4  scene: {}\n\
          P  shadows: {shadows}\n\
-         T  cascade tint: {}\n\
+         T  overlay: {:?}\n\
          I  fit: {fit:?}\n\
          G  filter: {:?}\n\
          O  moving sun: {}   arrows  turn the sun\n\
@@ -222,7 +232,7 @@ fn write_help(
          WASD, Q, E, right mouse button, Shift  fly\n\
          Esc  quit",
         show.scene,
-        on(overlay.cascade_tint),
+        *overlay,
         show.filter,
         on(moving.0),
         on(show.path.is_some()),

@@ -2,10 +2,10 @@
 
 use bevy::light::DirectionalLight;
 use bevy_pssm::{
-    SplitScheme,
+    ParallelSplitShadows, SplitScheme,
     geometry::{
         aliasing::Aliasing,
-        fit::{self, LookupReach},
+        fit,
         light_frame::LightFrame,
         slice::{Slice, ViewVolume},
         warp::{BodyVertex, WarpFrame, slice_vertices},
@@ -132,11 +132,8 @@ impl Setup {
             }
             Fit::Stable => {
                 let light = LightFrame::new(self.to_light)?;
-                let reach = LookupReach::new(
-                    DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
-                    DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
-                    0.0,
-                );
+                let reach = ParallelSplitShadows::default()
+                    .lookup_reach(DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS);
                 let map = fit::stable(slice, &light, self.map_size, reach);
                 Some(Map {
                     clip_from_world: map.clip_from_world(&light),

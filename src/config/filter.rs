@@ -1,9 +1,13 @@
 //! How shadow maps are looked up: bias, filter, and the way from one cascade into the next.
 
-use bevy::reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault};
+use bevy::{
+    light::DirectionalLight,
+    reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
+};
 use serde::{Deserialize, Serialize};
 
-use super::ConfigError;
+use super::{ConfigError, ParallelSplitShadows};
+use crate::geometry::fit::LookupReach;
 
 /// The largest filter radius that stays affordable (texels): beyond it a lookup reads hundreds
 /// of texels.
@@ -183,4 +187,41 @@ impl ShadowFilter {
             | Self::Soft { .. } => MAX_FILTER_TEXELS + 1.0,
         }
     }
+}
+
+impl ParallelSplitShadows {
+    /// What surface lookups reach beyond their points, for a light with this
+    /// `DirectionalLight::shadow_normal_bias`.
+    pub fn lookup_reach(&self, shadow_normal_bias: f32) -> LookupReach {
+        let offset = match self.bias {
+            ShadowBias::NormalOffset { texels } => {
+                (texels * normal_multiplier(shadow_normal_bias)).abs()
+            }
+            _ => 0.0,
+        };
+        LookupReach {
+            texels: (self.filter.reach_texels() + offset).ceil(),
+        }
+    }
+}
+
+/// What a light's `shadow_normal_bias` multiplies the slope's part of the bias by.
+pub(crate) fn normal_multiplier(shadow_normal_bias: f32) -> f64 {
+    multiplier(
+        shadow_normal_bias,
+        DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
+    )
+}
+
+/// What a light's `shadow_depth_bias` multiplies the constant part of the bias by.
+pub(crate) fn depth_multiplier(shadow_depth_bias: f32) -> f64 {
+    multiplier(
+        shadow_depth_bias,
+        DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
+    )
+}
+
+fn multiplier(value: f32, default: f32) -> f64 {
+    let ratio = f64::from(value) / f64::from(default);
+    if ratio.is_finite() { ratio } else { 1.0 }
 }

@@ -11,6 +11,7 @@ pub use filter::{
 };
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 
+pub(crate) use filter::{depth_multiplier, normal_multiplier};
 pub(crate) use preset::MaxMapSize;
 
 use bevy::{

@@ -21,34 +21,6 @@ pub struct MapBox {
 pub struct LookupReach {
     /// In texels of the map.
     pub texels: f64,
-    /// On top of that, in metres.
-    pub metres: f64,
-}
-
-impl LookupReach {
-    /// Half the widest filter kernel (the five-texel Gaussian's, with its bilinear taps).
-    const FILTER_TEXELS: f64 = 3.0;
-    /// The temporal filter's radius has a part that is constant in metres.
-    const FILTER_METRES: f64 = 0.05;
-
-    /// The reach under a light's biases: `normal_bias` in texels, `depth_bias` in metres, and
-    /// the size of a soft shadow's light in metres (0 for none), as in `DirectionalLight`.
-    pub fn new(normal_bias: f32, depth_bias: f32, soft_shadow_size: f32) -> Self {
-        let at_least_zero = |x: f32| if x > 0.0 { f64::from(x) } else { 0.0 };
-        // Bevy scales the normal bias by √2 for the worst-case diagonal.
-        let offset = at_least_zero(normal_bias.abs()) * core::f64::consts::SQRT_2;
-        Self {
-            texels: (Self::FILTER_TEXELS + offset).ceil(),
-            metres: Self::FILTER_METRES
-                + at_least_zero(depth_bias.abs())
-                + at_least_zero(soft_shadow_size),
-        }
-    }
-
-    /// How far that is along the light in a map with such texels (both in metres).
-    fn along_light(self, texel: f64) -> f64 {
-        self.texels * texel + self.metres
-    }
 }
 
 /// No map is thinner than this (metres): an extent is never divided by raw.
@@ -66,7 +38,7 @@ pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupRea
     let centre = light.light_from_world(slice.centre);
     MapBox {
         centre: (centre / texel + 0.5).floor() * texel,
-        half: DVec3::new(half, half, half + reach.along_light(texel)),
+        half: DVec3::new(half, half, half + reach.texels * texel),
         texel: DVec2::splat(texel),
     }
 }
@@ -87,7 +59,7 @@ pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupReac
     let texel = 2.0 * half / size;
     MapBox {
         centre: (lo + hi) * 0.5,
-        half: half.extend(0.5 * extent.z + reach.along_light(texel.max_element())),
+        half: half.extend(0.5 * extent.z + reach.texels * texel.max_element()),
         texel,
     }
 }

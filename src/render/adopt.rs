@@ -34,7 +34,7 @@ use bevy::{
     },
 };
 
-use super::{ExtractedShadows, extract::ExtractedCascade};
+use super::{ExtractedShadows, extract::ExtractedCascade, options::LookupOptions};
 
 /// A view whose map lies in our target.
 #[derive(Component, Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +62,8 @@ pub(super) struct AdoptedLight {
     /// Position in the camera's uniform.
     pub index: u32,
     pub base_layer: u32,
+    /// Without meaning if the light is not ours.
+    pub options: LookupOptions,
     /// View entities of the light's cascades, with their plan if the light is ours.
     pub cascades: Vec<(Entity, Option<ExtractedCascade>)>,
 }
@@ -283,16 +285,19 @@ pub(super) fn adopt_views(
             let Some(index) = index_in_name(&shadow_view.pass_name, "directional_light_") else {
                 continue;
             };
-            let own = lights
+            let managed = lights
                 .get(*light_entity)
                 .ok()
-                .and_then(|(main, _)| extracted.lights.get(main)?.get(camera_main))
+                .and_then(|(main, _)| extracted.lights.get(main));
+            let own = managed
+                .and_then(|light| light.views.get(camera_main))
                 .map(|cascades| cascades.get(*cascade_index).copied().unwrap_or(NO_MAP));
             if previous != Some(*light_entity) {
                 previous = Some(*light_entity);
                 record.lights.push(AdoptedLight {
                     index,
                     base_layer: next_layer,
+                    options: managed.map(|light| light.options).unwrap_or_default(),
                     cascades: Vec::new(),
                 });
             }
@@ -387,7 +392,7 @@ pub(super) fn adopt_views(
 /// A cascade that exists for Bevy but has no plan: its light or camera is degenerate.
 const NO_MAP: ExtractedCascade = ExtractedCascade {
     map_size: crate::config::MIN_MAP_SIZE,
-    texel: None,
+    has_map: false,
     blend_start: f32::MAX,
     far: f32::MAX,
 };

@@ -21,6 +21,7 @@ use bevy::{
     shape::ViewFrustum,
 };
 
+use super::options::LookupOptions;
 use crate::{
     debug::ShadowOverlay,
     plan::CascadePlan,
@@ -30,18 +31,23 @@ use crate::{
 /// What the render world needs to know of the managed lights' plans.
 #[derive(Resource, Debug, Default)]
 pub(crate) struct ExtractedShadows {
-    /// By light, then by camera: its cascades.
-    pub lights: MainEntityHashMap<MainEntityHashMap<Vec<ExtractedCascade>>>,
+    pub lights: MainEntityHashMap<ExtractedLight>,
     /// Texels per side of Bevy's maps, as the game wants them.
     pub stock_size: usize,
     pub overlay: ShadowOverlay,
 }
 
+#[derive(Debug)]
+pub(crate) struct ExtractedLight {
+    pub options: LookupOptions,
+    /// By camera: its cascades.
+    pub views: MainEntityHashMap<Vec<ExtractedCascade>>,
+}
+
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ExtractedCascade {
     pub map_size: u32,
-    /// `None` without a map.
-    pub texel: Option<[f32; 2]>,
+    pub has_map: bool,
     pub blend_start: f32,
     pub far: f32,
 }
@@ -50,7 +56,7 @@ impl From<&CascadePlan> for ExtractedCascade {
     fn from(plan: &CascadePlan) -> Self {
         Self {
             map_size: plan.map_size,
-            texel: plan.map.as_ref().map(|map| map.texel.as_vec2().to_array()),
+            has_map: plan.map.is_some(),
             blend_start: plan.blend_start as f32,
             far: plan.far as f32,
         }
@@ -67,9 +73,10 @@ pub(super) fn extract_shadows(
     extracted.overlay = **overlay;
     extracted.lights.clear();
     for (light, managed, plans, directional) in &lights {
-        if managed.config().is_none() || !directional.shadow_maps_enabled {
+        let config = managed.config();
+        let Some(config) = config.filter(|_| directional.shadow_maps_enabled) else {
             continue;
-        }
+        };
         let views = plans
             .views
             .iter()
@@ -80,7 +87,10 @@ pub(super) fn extract_shadows(
                 )
             })
             .collect();
-        extracted.lights.insert(MainEntity::from(light), views);
+        let options = LookupOptions::new(config, directional);
+        extracted
+            .lights
+            .insert(MainEntity::from(light), ExtractedLight { options, views });
     }
 }
 

@@ -7,6 +7,7 @@
 
 mod adopt;
 mod extract;
+mod options;
 mod pass;
 mod uniform;
 

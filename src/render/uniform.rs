@@ -15,11 +15,15 @@ use bevy::{
     },
 };
 
-use crate::shaders::SLOT_MARK;
+use crate::{
+    debug::ShadowOverlay,
+    shaders::{SLOT_MARK, code},
+};
 
 use super::{
     ExtractedShadows,
     adopt::{AdoptedLight, AdoptedLights, ShadowTarget},
+    options::LookupOptions,
 };
 
 /// Bytes of a light in the uniform, and where its fields lie (std140; `GpuDirectionalLight` of
@@ -27,6 +31,8 @@ use super::{
 mod layout {
     pub const LIGHT: usize = 400;
     pub const CASCADE: usize = 80;
+    /// A column of a cascade's matrix, which comes first in it.
+    pub const COLUMN: usize = 16;
     pub const TEXEL_SIZE: usize = 64;
     pub const DIR_TO_LIGHT: usize = 336;
     pub const OVERLAP: usize = 368;
@@ -67,7 +73,7 @@ pub(super) fn write_uniforms(
             &[
                 SLOT_MARK as f32,
                 stock_scale,
-                f32::from(u8::from(extracted.overlay.cascade_tint)),
+                overlay_code(extracted.overlay) as f32,
             ],
         );
         let mut ours = 0;
@@ -124,22 +130,42 @@ fn fill_slot(
         let Some(cascade) = cascade else {
             continue;
         };
-        let [texel_x, texel_y] = cascade.texel.unwrap_or_default();
-        let has_map = cascade.texel.is_some();
+        let is_drawn = cascade.has_map && is_drawn(*view);
+        let field = index * layout::CASCADE;
         write_at(
             slot,
-            index * layout::CASCADE,
+            field,
             &[
                 cascade.map_size as f32 / target_size,
-                texel_x,
-                texel_y,
-                f32::from(u8::from(has_map)) + f32::from(u8::from(has_map && is_drawn(*view))),
-                cascade.blend_start,
-                cascade.far,
                 cascade.map_size as f32,
-                0.0,
+                f32::from(u8::from(cascade.has_map)) + f32::from(u8::from(is_drawn)),
+                light.options.border,
             ],
         );
+        write_at(
+            slot,
+            field + layout::COLUMN,
+            &[cascade.blend_start, cascade.far],
+        );
+    }
+    let LookupOptions { filter, bias, .. } = &light.options;
+    write_at(slot, 2 * layout::COLUMN, filter);
+    write_at(slot, 3 * layout::COLUMN, bias);
+    write_at(
+        slot,
+        layout::CASCADE + 2 * layout::COLUMN,
+        &light.options.bias_scale,
+    );
+}
+
+fn overlay_code(overlay: ShadowOverlay) -> u32 {
+    match overlay {
+        ShadowOverlay::None => 0,
+        ShadowOverlay::CascadeTint => code::OVERLAY_TINT,
+        ShadowOverlay::Light => code::OVERLAY_LIGHT,
+        ShadowOverlay::Cascade => code::OVERLAY_CASCADE,
+        ShadowOverlay::Bias => code::OVERLAY_BIAS,
+        ShadowOverlay::TexelsPerPixel => code::OVERLAY_TEXELS,
     }
 }
 

@@ -162,10 +162,7 @@ pub fn shader_defs() -> Vec<ShaderDefVal> {
         .collect();
     defs.extend([
         // Browsers reject derivatives where control flow may differ between pixels.
-        ShaderDefVal::Bool(
-            "PSSM_DERIVATIVES".into(),
-            cfg!(not(target_family = "wasm")),
-        ),
+        ShaderDefVal::Bool("PSSM_DERIVATIVES".into(), cfg!(not(target_family = "wasm"))),
         ShaderDefVal::Bool("DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(), true),
     ]);
     defs

@@ -11,13 +11,12 @@ use bevy::{
     light::{Cascades, DirectionalLight, cascade::Cascade},
     log::warn,
     math::{DAffine3, DMat3, Mat4, Vec3},
-    reflect::structs::GetField,
     transform::components::GlobalTransform,
 };
 
 use super::ManagedLight;
 use crate::{
-    geometry::{fit::LookupReach, light_frame::LightFrame, slice::ViewVolume},
+    geometry::{light_frame::LightFrame, slice::ViewVolume},
     plan::{CascadePlan, plan_cascades},
 };
 
@@ -65,7 +64,7 @@ pub fn plan_shadows(
         frusta.frusta.clear();
 
         let frame = LightFrame::new(transform.rotation().as_dquat() * glam::DVec3::Z);
-        let reach = lookup_reach(directional);
+        let reach = config.lookup_reach(directional.shadow_normal_bias);
         let mut degenerate = frame.is_none();
         plans.views.clear();
         plans.views.extend(views.iter().map(|(view, volume)| {
@@ -83,13 +82,6 @@ pub fn plan_shadows(
             );
         }
     }
-}
-
-fn lookup_reach(light: &DirectionalLight) -> LookupReach {
-    // By name: the field is there if anyone has switched Bevy's feature on.
-    let soft = light.get_field::<Option<f32>>("soft_shadow_size");
-    let soft = soft.copied().flatten().unwrap_or(0.0);
-    LookupReach::new(light.shadow_normal_bias, light.shadow_depth_bias, soft)
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.

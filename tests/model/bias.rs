@@ -2,7 +2,7 @@
 
 use bevy::math::{DMat4, DVec2, DVec3};
 use bevy_pssm::geometry::{
-    bias::{depth_slope, sufficient},
+    bias::{LEAST_SLOPE, MapDerivatives, TAP_REACH, automatic, sufficient},
     fit::{self, LookupReach},
     light_frame::LightFrame,
     slice::ViewVolume,
@@ -29,7 +29,7 @@ fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
     let slice = view.slice(2.0, 40.0).expect("it is not empty");
     let light = LightFrame::new(to_light).expect("a direction");
     if warp == 0.0 {
-        let map = fit::stable(&slice, &light, 512, LookupReach::new(1.0, 0.1, 0.0));
+        let map = fit::stable(&slice, &light, 512, LookupReach { texels: 5.0 });
         return map.clip_from_world(&light);
     }
     let frame = WarpFrame::of_view(&view, light.z).expect("a frame");
@@ -71,7 +71,9 @@ proptest! {
         let (eye, size) = (DVec3::from(eye), DVec2::splat(512.0));
         let map = map(eye, to_light, warp);
         let point = eye + DVec3::new(0.2, -0.1, -1.0) * depth;
-        let slope = depth_slope(&map, point, normal).expect("it is lit");
+        let slope = MapDerivatives::at(&map, point)
+            .and_then(|map| map.depth_slope(normal))
+            .expect("it is lit");
         let reach = DVec2::from(reach);
         let bias = sufficient(slope, reach, size);
 
@@ -92,13 +94,41 @@ proptest! {
 }
 
 #[test]
-fn planes_across_the_light_need_none_unwarped_and_edge_on_ones_have_none() {
+fn planes_across_the_light_have_no_slope_unwarped_and_edge_on_ones_a_bounded_one() {
     let map = map(DVec3::ZERO, DVec3::Y, 0.0);
     let point = DVec3::new(0.3, -1.0, -9.0);
-    let flat = depth_slope(&map, point, DVec3::Y).expect("it faces the light");
+    let here = MapDerivatives::at(&map, point).expect("it is in the map");
+    let flat = here.depth_slope(DVec3::Y).expect("it faces the light");
     assert!(flat.length() < 1e-12, "{flat}");
     assert!(sufficient(flat, DVec2::ONE, DVec2::ONE) < 1e-12);
-    assert_eq!(depth_slope(&map, point, DVec3::X), None);
-    assert_eq!(depth_slope(&map, point, DVec3::ZERO), None);
-    assert_eq!(depth_slope(&DMat4::ZERO, point, DVec3::Y), None);
+    // From edge-on to the last slope that counts, nothing changes.
+    let edge_on = here.depth_slope(DVec3::X).expect("it has a direction");
+    assert!(edge_on.is_finite());
+    let nearly = DVec3::new(1.0, 1.0 / 128.0, 0.0);
+    let nearly = here.depth_slope(nearly).expect("it is lit");
+    approx::assert_relative_eq!(edge_on.length(), nearly.length(), max_relative = 1e-3);
+    assert_eq!(here.depth_slope(DVec3::ZERO), None);
+    assert_eq!(MapDerivatives::at(&DMat4::ZERO, point), None);
+}
+
+#[test]
+fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
+    let size = 512.0;
+    let map = map(DVec3::ZERO, DVec3::Y, 0.0);
+    let point = DVec3::new(0.3, -1.0, -9.0);
+    let here = MapDerivatives::at(&map, point).expect("it is in the map");
+    let per_metre = here.z.length();
+    let texel = here.texel(size).max_element();
+    let metres = |normal| {
+        let bias = automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
+        bias / per_metre
+    };
+    // Facing the light: what a wall needs. Steep, along an axis of the map: the slope's own.
+    approx::assert_relative_eq!(metres(DVec3::Y), LEAST_SLOPE * texel, max_relative = 1e-3);
+    let steep = here.x.normalize() * 3.0 + DVec3::Y;
+    approx::assert_relative_eq!(metres(steep), 3.0 * TAP_REACH * texel, max_relative = 1e-3);
+    // Far out, positions are coarser than texels.
+    let far_out = DVec3::new(1e6, 0.0, 0.0);
+    let bias = automatic(&map, far_out, DVec3::Y, DVec3::Y, size).expect("it is lit");
+    assert!(bias / per_metre > 0.2, "{}", bias / per_metre);
 }

@@ -501,22 +501,21 @@ fn removal_with_everything_required_restores_bevys_settings() {
 }
 
 #[test]
-fn soft_shadows_widen_the_hull() {
+fn wide_filters_widen_the_hull() {
     let mut app = app();
     let view = camera(&mut app);
     let light = sun(&mut app, ParallelSplitShadows::default());
-    app.update();
-    let distance = |app: &App| {
+    let distance = |app: &mut App, filter| {
+        let mut entity = app.world_mut().entity_mut(light);
+        entity.get_mut::<ParallelSplitShadows>().unwrap().filter = filter;
+        app.update();
         let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
-        plans[0].map.as_ref().unwrap().hull.planes[0].distance
+        let map = plans[0].map.as_ref().unwrap();
+        (map.hull.planes[0].distance, map.texel.max_element())
     };
-    let hard = distance(&app);
-    app.world_mut()
-        .get_mut::<DirectionalLight>(light)
-        .unwrap()
-        .soft_shadow_size = Some(5.0);
-    app.update();
-    assert!(distance(&app) > hard + 4.0);
+    let (narrow, _) = distance(&mut app, ShadowFilter::Hardware2x2);
+    let (wide, texel) = distance(&mut app, ShadowFilter::Soft { sun_degrees: 0.5 });
+    assert!(wide > narrow + 7.0 * texel, "{wide} {narrow} {texel}");
 }
 
 #[test]

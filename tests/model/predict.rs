@@ -14,7 +14,7 @@ mod report;
 use bevy::light::DirectionalLight;
 use bevy_pssm::{
     MapSize, ParallelSplitShadows,
-    geometry::{aliasing::closed_form, fit::LookupReach, light_frame::LightFrame},
+    geometry::{aliasing::closed_form, light_frame::LightFrame},
     plan::plan_cascades,
 };
 use clap::Parser;
@@ -69,11 +69,7 @@ fn stable_predictions_equal_the_plans() {
         map_size: MapSize::Same(1024),
         ..Default::default()
     };
-    let reach = LookupReach::new(
-        DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS,
-        DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
-        0.0,
-    );
+    let reach = config.lookup_reach(DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS);
     let light = LightFrame::new(setup.to_light).unwrap();
     let plans = plan_cascades(&setup.view, &light, &config, reach);
     for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {

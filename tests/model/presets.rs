@@ -1,10 +1,7 @@
 //! Presets in RON: what is good loads, and every mistake gets its own message.
 
 use bevy::asset::AssetPath;
-use bevy_pssm::{
-    CascadeFit, CasterCulling, MapSize, ParallelSplitShadows, SplitScheme,
-    config::ShadowPresetLoader,
-};
+use bevy_pssm::{config::ShadowPresetLoader, prelude::*};
 
 const MAX_MAP_SIZE: u32 = 8192;
 
@@ -29,6 +26,8 @@ fn every_field_and_variant_is_read() {
             enabled: false, cascades: 3, near: 0.5, far: 900.0,
             splits: Manual([20.0, 110.5]),
             blend: 0.2, fade: 0.0, fit: Tight, map_size: List([1000, 777, 64]), culling: Off,
+            bias: SlopeScaled(factor: 2.0, metres: 0.01), filter: Tent(Metres(0.3)),
+            transition: Dither, caster_faces: Back, depth: Linear,
         )",
     );
     let expected = ParallelSplitShadows {
@@ -42,6 +41,14 @@ fn every_field_and_variant_is_read() {
         fit: CascadeFit::Tight,
         map_size: MapSize::List(vec![1000, 777, 64]),
         culling: CasterCulling::Off,
+        bias: ShadowBias::SlopeScaled {
+            factor: 2.0,
+            metres: 0.01,
+        },
+        filter: ShadowFilter::Tent(FilterRadius::Metres(0.3)),
+        transition: CascadeTransition::Dither,
+        caster_faces: CasterFaces::Back,
+        depth: DepthDistribution::Linear,
     };
     assert_eq!(read, Ok(expected));
     for scheme in [
@@ -52,6 +59,22 @@ fn every_field_and_variant_is_read() {
         "GeometricScaled(gamma: 2.5, bias: 10.0)",
     ] {
         parse(&format!("(splits: {scheme})")).unwrap();
+    }
+    for bias in [
+        "Automatic",
+        "Constant(metres: 0.1)",
+        "NormalOffset(texels: 1.5)",
+        "ReceiverPlane(metres: 0.0)",
+    ] {
+        parse(&format!("(bias: {bias})")).unwrap();
+    }
+    for filter in [
+        "Camera",
+        "Hardware2x2",
+        "Temporal(Texels(2.5))",
+        "Soft(sun_degrees: 0.53)",
+    ] {
+        parse(&format!("(filter: {filter})")).unwrap();
     }
 }
 
@@ -94,7 +117,7 @@ fn the_balanced_preset_spells_the_defaults_out() {
 }
 
 /// Text, the line the message must name, and what else it must say.
-const BAD: [(&str, usize, &[&str]); 30] = [
+const BAD: [(&str, usize, &[&str]); 35] = [
     ("", 1, &[]),
     ("(", 1, &["Unexpected end"]),
     ("(cascades: 4,\n far: ", 2, &["Expected float"]),
@@ -131,6 +154,31 @@ const BAD: [(&str, usize, &[&str]); 30] = [
     ),
     ("(splits: Practical(lambda: NaN))", 1, &["`lambda` is NaN"]),
     ("(splits: Practical())", 1, &["lambda", "missing"]),
+    (
+        "(bias: Constant(metres: -0.1))",
+        1,
+        &["`metres` is -0.1", "from 0"],
+    ),
+    (
+        "(bias: SlopeScaled(factor: NaN, metres: 0.0))",
+        1,
+        &["`factor` is NaN"],
+    ),
+    (
+        "(filter: Tent(Texels(0.5)))",
+        1,
+        &["`Texels` is 0.5", "from 1 to 8"],
+    ),
+    (
+        "(filter: Temporal(Metres(0.0)))",
+        1,
+        &["`Metres` is 0", "above 0"],
+    ),
+    (
+        "(filter: Soft(sun_degrees: 90.0))",
+        1,
+        &["`sun_degrees` is 90", "at most 20"],
+    ),
     (
         "(splits: Geometric(gamma: 1.0, bias: 0.0))",
         1,

