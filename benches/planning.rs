@@ -4,6 +4,7 @@ use core::hint::black_box;
 
 use bevy::{
     camera::{CameraProjection, PerspectiveProjection},
+    light::DirectionalLight,
     math::{DAffine3, DMat3, DVec3},
 };
 use bevy_pssm::{
@@ -23,7 +24,7 @@ fn planning(criterion: &mut Criterion) {
     )
     .expect("a sound camera");
     let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");
-    let reach = ParallelSplitShadows::default().lookup_reach(1.8);
+    let reach = ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
     for fit in [CascadeFit::Stable, CascadeFit::Tight] {
         let config = ParallelSplitShadows {
             fit,

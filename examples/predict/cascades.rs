@@ -132,8 +132,8 @@ impl Setup {
             }
             Fit::Stable => {
                 let light = LightFrame::new(self.to_light)?;
-                let reach = ParallelSplitShadows::default()
-                    .lookup_reach(DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS);
+                let reach =
+                    ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
                 let map = fit::stable(slice, &light, self.map_size, reach);
                 Some(Map {
                     clip_from_world: map.clip_from_world(&light),

@@ -2,7 +2,10 @@
 
 use bevy::{
     light::DirectionalLight,
-    reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
+    reflect::{
+        Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault,
+        structs::GetField,
+    },
 };
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +15,9 @@ use crate::geometry::fit::LookupReach;
 /// The largest filter radius that stays affordable (texels): beyond it a lookup reads hundreds
 /// of texels.
 pub const MAX_FILTER_TEXELS: f64 = 8.0;
+
+/// Larger suns are a mistake (degrees).
+const MAX_SUN_DEGREES: f64 = 20.0;
 
 /// How far a lookup is moved towards the light so that surfaces do not shadow themselves.
 ///
@@ -162,13 +168,13 @@ impl ShadowFilter {
                 FilterRadius::Metres(metres) => ConfigError::check_positive("Metres", metres),
             },
             Self::Soft { sun_degrees } => {
-                if sun_degrees > 0.0 && sun_degrees <= 20.0 {
+                if sun_degrees > 0.0 && sun_degrees <= MAX_SUN_DEGREES {
                     return Ok(());
                 }
                 Err(ConfigError::out_of_range(
                     "sun_degrees",
                     sun_degrees,
-                    "above 0 and at most 20",
+                    format_args!("above 0 and at most {MAX_SUN_DEGREES}"),
                 ))
             }
         }
@@ -189,18 +195,38 @@ impl ShadowFilter {
     }
 }
 
+/// A light of this `soft_shadow_size` looks as large as the sun.
+const SUNS_SOFT_SIZE: f64 = 10.0;
+/// Degrees.
+const SUNS_SIZE: f64 = 0.53;
+
 impl ParallelSplitShadows {
-    /// What surface lookups reach beyond their points, for a light with this
-    /// `DirectionalLight::shadow_normal_bias`.
-    pub fn lookup_reach(&self, shadow_normal_bias: f32) -> LookupReach {
+    /// The filter for a light: soft if the light has a `soft_shadow_size` and the filter is left
+    /// to the camera.
+    pub fn filter_for(&self, light: &DirectionalLight) -> ShadowFilter {
+        // By name: the field is there if anyone has switched Bevy's feature on.
+        let size = light.get_field::<Option<f32>>("soft_shadow_size");
+        let size = size.copied().flatten().unwrap_or(0.0);
+        if self.filter == ShadowFilter::Camera && size > 0.0 {
+            let sun_degrees = f64::from(size) / SUNS_SOFT_SIZE * SUNS_SIZE;
+            return ShadowFilter::Soft {
+                sun_degrees: sun_degrees.min(MAX_SUN_DEGREES),
+            };
+        }
+        self.filter
+    }
+
+    /// What surface lookups reach beyond their points, for a light.
+    pub fn lookup_reach(&self, light: &DirectionalLight) -> LookupReach {
         let offset = match self.bias {
             ShadowBias::NormalOffset { texels } => {
-                (texels * normal_multiplier(shadow_normal_bias)).abs()
+                (texels * normal_multiplier(light.shadow_normal_bias)).abs()
             }
             _ => 0.0,
         };
+        let filter = self.filter_for(light);
         LookupReach {
-            texels: (self.filter.reach_texels() + offset).ceil(),
+            texels: (filter.reach_texels() + offset).ceil(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A light's bias, filter and transition in the terms of the shader.
 
-use bevy::{light::DirectionalLight, reflect::structs::GetField};
+use bevy::light::DirectionalLight;
 
 use crate::{
     config::{
@@ -24,21 +24,15 @@ pub(crate) struct LookupOptions {
     pub border: f32,
 }
 
-/// The tangent of the sun's apparent radius for a `soft_shadow_size` of 1: 10 is the sun.
-const SOFT_TANGENT: f32 = 0.000_463;
-
 impl LookupOptions {
     pub fn new(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
-        // By name: the field is there if anyone has switched Bevy's feature on.
-        let soft = light.get_field::<Option<f32>>("soft_shadow_size");
-        let soft = soft.copied().flatten().filter(|size| *size > 0.0);
-        let (filter, size, in_metres) = match (config.filter, soft) {
-            (ShadowFilter::Camera, None) => (code::FILTER_CAMERA, 1.0, false),
-            (ShadowFilter::Camera, Some(size)) => (code::FILTER_SOFT, size * SOFT_TANGENT, false),
-            (ShadowFilter::Hardware2x2, _) => (code::FILTER_HARDWARE, 1.0, false),
-            (ShadowFilter::Tent(radius), _) => with_radius(code::FILTER_TENT, radius),
-            (ShadowFilter::Temporal(radius), _) => with_radius(code::FILTER_TEMPORAL, radius),
-            (ShadowFilter::Soft { sun_degrees }, _) => {
+        let kind = config.filter_for(light);
+        let (filter, size, in_metres) = match kind {
+            ShadowFilter::Camera => (code::FILTER_CAMERA, 1.0, false),
+            ShadowFilter::Hardware2x2 => (code::FILTER_HARDWARE, 1.0, false),
+            ShadowFilter::Tent(radius) => with_radius(code::FILTER_TENT, radius),
+            ShadowFilter::Temporal(radius) => with_radius(code::FILTER_TEMPORAL, radius),
+            ShadowFilter::Soft { sun_degrees } => {
                 let tangent = (0.5 * sun_degrees).to_radians().tan();
                 (code::FILTER_SOFT, tangent as f32, false)
             }
@@ -57,11 +51,6 @@ impl LookupOptions {
             CasterFaces::Back => -1.0,
         };
         let flag = |set: bool| f32::from(u8::from(set));
-        let reach = if soft.is_some() {
-            ShadowFilter::Soft { sun_degrees: 1.0 }.reach_texels()
-        } else {
-            config.filter.reach_texels()
-        };
         Self {
             filter: [
                 filter as f32,
@@ -79,7 +68,7 @@ impl LookupOptions {
                 (side * normal_multiplier(light.shadow_normal_bias)) as f32,
                 (side * depth_multiplier(light.shadow_depth_bias)) as f32,
             ],
-            border: reach as f32,
+            border: kind.reach_texels() as f32,
         }
     }
 }

@@ -64,7 +64,7 @@ pub fn plan_shadows(
         frusta.frusta.clear();
 
         let frame = LightFrame::new(transform.rotation().as_dquat() * glam::DVec3::Z);
-        let reach = config.lookup_reach(directional.shadow_normal_bias);
+        let reach = config.lookup_reach(directional);
         let mut degenerate = frame.is_none();
         plans.views.clear();
         plans.views.extend(views.iter().map(|(view, volume)| {

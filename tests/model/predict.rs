@@ -69,7 +69,7 @@ fn stable_predictions_equal_the_plans() {
         map_size: MapSize::Same(1024),
         ..Default::default()
     };
-    let reach = config.lookup_reach(DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS);
+    let reach = config.lookup_reach(&DirectionalLight::default());
     let light = LightFrame::new(setup.to_light).unwrap();
     let plans = plan_cascades(&setup.view, &light, &config, reach);
     for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {
