@@ -24,6 +24,12 @@ pub const TAP_REACH: f64 = 1.0 + 1.0 / 64.0;
 /// per metre across it): a wall may stand on the plane, and rises within one tap's reach.
 pub const LEAST_SLOPE: f64 = 1.0;
 
+/// The automatic bias moves a lookup towards the light by no more than this (texels across the
+/// light), or nearly edge-on surfaces would lose the shadows of what stands close to them. What
+/// is missing is made up for along the surface's normal, where it takes less than two texels at
+/// any slope.
+pub const MOST_TEXELS: u32 = 3;
+
 /// Where a filter's taps differ, casters that rise by less than this from the lookup's point
 /// (metres towards the light per metre across it, on top of the plane's own slope) may be a bend
 /// of the surface itself.
@@ -90,22 +96,41 @@ pub fn sufficient(slope: DVec2, reach: DVec2, map_size: DVec2) -> f64 {
     (2.0 * reach / map_size).dot(slope.abs())
 }
 
-/// The bias that every tap of a lookup gets ([`ShadowBias::Automatic`](crate::ShadowBias)), in
-/// NDC depth: what one tap reads of the plane, or of a wall on it, and what positions are rounded
-/// by. `None` as for [`MapDerivatives`].
+/// How far a lookup is moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bias {
+    /// Towards the light (NDC depth).
+    pub depth: f64,
+    /// Along the normal, to the light's side (metres).
+    pub offset: f64,
+}
+
+/// The bias that every tap of a lookup gets ([`ShadowBias::Automatic`](crate::ShadowBias)): what
+/// one tap reads of the plane, or of a wall on it, and what positions are rounded by. An
+/// offset along the normal clears a plane as a depth bias does that is as much larger as the sine
+/// of the angle between plane and light is smaller. `None` as for [`MapDerivatives`].
 pub fn automatic(
     clip_from_world: &DMat4,
     point: DVec3,
     normal: DVec3,
     to_light: DVec3,
     map_size: f64,
-) -> Option<f64> {
+) -> Option<Bias> {
     let map = MapDerivatives::at(clip_from_world, point)?;
+    let (normal, to_light) = (normal.try_normalize()?, to_light.try_normalize()?);
     let slope = map.depth_slope(normal)?;
     let reach = sufficient(slope, DVec2::splat(TAP_REACH), DVec2::splat(map_size));
-    let texel = map.texel(map_size);
-    let wall = LEAST_SLOPE * texel.max_element() * map.z.dot(to_light.try_normalize()?).abs();
+    let sizes = map.texel(map_size);
+    let (texel, per_metre) = (sizes.max_element(), map.z.dot(to_light).abs());
+    let wall = LEAST_SLOPE * texel * per_metre;
     let rounding = (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
-    let sideways = (slope.abs() * 2.0 / map_size / texel).element_sum();
-    Some(reach.max(wall) + rounding * (map.z.length() + sideways))
+    let sideways = (slope.abs() * 2.0 / map_size / sizes).element_sum();
+    let need = reach.max(wall) + rounding * (map.z.length() + sideways);
+    let depth = need.min(f64::from(MOST_TEXELS) * texel * per_metre);
+    let facing = normal.dot(to_light).abs();
+    let out = facing.max(1.0 / f64::from(EDGE_ON_RECIPROCAL));
+    Some(Bias {
+        depth,
+        offset: out * (need - depth) / per_metre,
+    })
 }

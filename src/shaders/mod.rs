@@ -48,10 +48,11 @@ pub(crate) mod code {
 }
 
 /// Constants of the library, `constants::…` there. Fractions by their reciprocals.
-const CONSTANTS: [(&str, u32); 20] = [
+const CONSTANTS: [(&str, u32); 21] = [
     ("PSSM_MARK", SLOT_MARK),
     ("PSSM_ROUNDING", bias::ROUNDING_RECIPROCAL),
     ("PSSM_EDGE_ON", bias::EDGE_ON_RECIPROCAL),
+    ("PSSM_MOST_TEXELS", bias::MOST_TEXELS),
     ("PSSM_CORNER", bias::CORNER_SLOPE),
     ("PSSM_MAX_FILTER_TEXELS", MAX_FILTER_TEXELS as u32),
     ("PSSM_GAUSSIAN_HUNDREDTHS", 265),

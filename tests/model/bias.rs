@@ -2,7 +2,7 @@
 
 use bevy::math::{DMat4, DVec2, DVec3};
 use bevy_pssm::geometry::{
-    bias::{LEAST_SLOPE, MapDerivatives, TAP_REACH, automatic, sufficient},
+    bias::{LEAST_SLOPE, MOST_TEXELS, MapDerivatives, TAP_REACH, automatic, sufficient},
     fit::{self, LookupReach},
     light_frame::LightFrame,
     slice::ViewVolume,
@@ -119,16 +119,32 @@ fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
     let here = MapDerivatives::at(&map, point).expect("it is in the map");
     let per_metre = here.z.length();
     let texel = here.texel(size).max_element();
-    let metres = |normal| {
+    let bias = |normal| {
         let bias = automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
-        bias / per_metre
+        (bias.depth / per_metre / texel, bias.offset / texel)
     };
     // Facing the light: what a wall needs. Steep, along an axis of the map: the slope's own.
-    approx::assert_relative_eq!(metres(DVec3::Y), LEAST_SLOPE * texel, max_relative = 1e-3);
-    let steep = here.x.normalize() * 3.0 + DVec3::Y;
-    approx::assert_relative_eq!(metres(steep), 3.0 * TAP_REACH * texel, max_relative = 1e-3);
+    let (depth, offset) = bias(DVec3::Y);
+    approx::assert_relative_eq!(depth, LEAST_SLOPE, max_relative = 1e-3);
+    assert_eq!(offset, 0.0);
+    let along = here.x.normalize();
+    let (depth, offset) = bias(along * 2.0 + DVec3::Y);
+    approx::assert_relative_eq!(depth, 2.0 * TAP_REACH, max_relative = 1e-3);
+    assert_eq!(offset, 0.0);
+    // Too steep for depth alone: both together clear the plane as depth would, and the offset
+    // stays below two texels in any direction.
+    for steepness in [4.0, 20.0, 100.0, 1000.0] {
+        let normal = along * steepness + DVec3::Y;
+        let (depth, offset) = bias(normal);
+        approx::assert_relative_eq!(depth, f64::from(MOST_TEXELS), max_relative = 1e-9);
+        let sine = normal.normalize().y.max(1.0 / 128.0);
+        let needed = TAP_REACH * f64::min(steepness, 128.0);
+        approx::assert_relative_eq!(depth + offset / sine, needed, max_relative = 1e-3);
+        let diagonal = along + here.y.normalize();
+        assert!(bias(diagonal * steepness + DVec3::Y).1 < 2.0);
+    }
     // Far out, positions are coarser than texels.
     let far_out = DVec3::new(1e6, 0.0, 0.0);
-    let bias = automatic(&map, far_out, DVec3::Y, DVec3::Y, size).expect("it is lit");
-    assert!(bias / per_metre > 0.2, "{}", bias / per_metre);
+    let far = automatic(&map, far_out, DVec3::Y, DVec3::Y, size).expect("it is lit");
+    assert!(far.depth / per_metre > 0.2, "{}", far.depth / per_metre);
 }
