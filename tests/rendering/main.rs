@@ -15,6 +15,7 @@ mod study;
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
+mod bias;
 mod casters;
 mod compare;
 mod drop_in;

@@ -85,6 +85,12 @@ impl Truth {
         self.lens.size
     }
 
+    /// Distance to the nearest boundary of light (pixels); `None` without any.
+    pub fn to_boundary(&self, pixel: usize) -> Option<f64> {
+        let diagonal = self.lens.size.as_dvec2().length();
+        Some(self.to_boundary[pixel]).filter(|distance| *distance < diagonal)
+    }
+
     /// What is wrong with a pixel that gets a share of the sun's light; `None` if its centre
     /// does not face the sun.
     pub fn fault(&self, pixel: usize, found: f32) -> Option<Fault> {

@@ -113,6 +113,11 @@ impl Studio {
         Shot { picture, shares }
     }
 
+    /// By pixel, the share of the sun's light under what is in force.
+    pub fn shares(&mut self, view: &View) -> Vec<Option<f32>> {
+        self.take(view, Nudge::default()).shares
+    }
+
     /// Measures a setting. `done` is called after each frame.
     pub fn measure(&mut self, views: &[View], setting: &Setting, done: impl FnMut()) -> Outcome {
         self.apply(setting);
