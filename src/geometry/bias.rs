@@ -22,7 +22,7 @@ pub const TAP_REACH: f64 = 1.0 + 1.0 / 64.0;
 
 /// The automatic bias is never below that of a plane with this slope (metres towards the light
 /// per metre across it): a wall may stand on the plane, and rises within one tap's reach.
-pub const LEAST_SLOPE: f64 = 1.0;
+pub const LEAST_SLOPE: f64 = 2.0;
 
 /// The automatic bias moves a lookup towards the light by no more than this (texels across the
 /// light), or nearly edge-on surfaces would lose the shadows of what stands close to them. What
