@@ -45,6 +45,9 @@ pub struct Arguments {
     /// A small grid, small pictures and few poses: under three minutes.
     #[arg(long)]
     pub quick: bool,
+    /// No scenes, but small cases that biases fail in, and what filters cost: lookups.md.
+    #[arg(long)]
+    pub lookups: bool,
 }
 
 /// What the plugin is measured against.

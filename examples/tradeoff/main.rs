@@ -12,6 +12,7 @@ mod scene_stage;
 mod warnings;
 
 mod arguments;
+mod lookups;
 mod pareto;
 mod plot;
 mod progress;
@@ -68,6 +69,15 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
+    if arguments.lookups {
+        let text = lookups::report(|case| tell(&format!("{case}\n")));
+        let file = arguments.out.join("lookups.md");
+        std::fs::create_dir_all(&arguments.out)
+            .and_then(|()| std::fs::write(&file, text))
+            .map_err(|error| format!("--out {}: {error}", file.display()))?;
+        tell(&format!("The report is {}.\n", file.display()));
+        return Ok(());
+    }
     let scenes = arguments.scenes()?;
     let wanted = arguments.settings()?;
     let out = &arguments.out;

@@ -164,7 +164,37 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             "stable 4096 near",
             with(&|config| config.map_size = MapSize::List(vec![4096, 4096, 2048, 2048])),
         ),
+        stable("dithered", &|config| {
+            config.transition = CascadeTransition::Dither;
+        }),
     ]);
+    let texels = FilterRadius::Texels;
+    settings.extend(
+        [
+            ("2×2", ShadowFilter::Hardware2x2),
+            ("tent 1.5", ShadowFilter::Tent(texels(1.5))),
+            ("tent 2", ShadowFilter::Tent(texels(2.0))),
+            ("tent 4", ShadowFilter::Tent(texels(4.0))),
+            ("temporal", ShadowFilter::Temporal(texels(2.0))),
+            ("soft", ShadowFilter::Soft { sun_degrees: 0.53 }),
+        ]
+        .map(|(name, filter)| stable(name, &|config| config.filter = filter)),
+    );
+    settings.extend(
+        [
+            ("constant bias", ShadowBias::Constant { metres: 0.2 }),
+            (
+                "slope-scaled bias",
+                ShadowBias::SlopeScaled {
+                    factor: 4.0,
+                    metres: 0.02,
+                },
+            ),
+            ("normal offset", ShadowBias::NormalOffset { texels: 3.0 }),
+            ("receiver plane", ShadowBias::ReceiverPlane { metres: 0.05 }),
+        ]
+        .map(|(name, bias)| stable(name, &|config| config.bias = bias)),
+    );
     settings
 }
 

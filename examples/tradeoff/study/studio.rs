@@ -74,6 +74,11 @@ pub struct Reference {
 pub struct Picture(Vec<[f32; 3]>);
 
 impl Picture {
+    /// A pixel's linear light.
+    pub fn pixel(&self, index: usize) -> [f32; 3] {
+        self.0[index]
+    }
+
     fn brightness(&self) -> impl Iterator<Item = f32> {
         self.0.iter().map(|[r, g, b]| r + g + b)
     }

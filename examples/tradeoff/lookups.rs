@@ -1,0 +1,221 @@
+//! What lookups trade, apart from scenes: biases in the cases that they fail in, and what filters
+//! cost the main pass.
+
+use core::fmt::Write;
+
+use bevy::{light::ShadowFilteringMethod, prelude::*};
+use bevy_pssm::prelude::*;
+
+use crate::study::{
+    cases::{BiasFaults, Case, case_studio},
+    run::{Effort, View},
+    settings::{Setting, Stock},
+    studio::Studio,
+};
+
+/// Texels per side of all maps.
+const MAP_SIZE: u32 = 1024;
+/// Where shadows end (metres).
+const FAR: f64 = 150.0;
+
+/// Bevy's filters, and how far they read (texels).
+const FILTERS: [(ShadowFilteringMethod, f64); 3] = [
+    (ShadowFilteringMethod::Hardware2x2, 1.0),
+    (ShadowFilteringMethod::Gaussian, 2.65),
+    (ShadowFilteringMethod::Temporal, 2.0),
+];
+
+/// What is searched for Bevy's best: texels and metres.
+const NORMAL_BIASES: [f32; 8] = [0.0, 0.6, 1.2, 1.8, 2.4, 3.6, 5.0, 8.0];
+const DEPTH_BIASES: [f32; 6] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5];
+
+/// Frames of which a time is the median.
+const TIMED_FRAMES: usize = 9;
+
+fn config() -> ParallelSplitShadows {
+    ParallelSplitShadows {
+        far: FAR,
+        map_size: MapSize::Same(MAP_SIZE),
+        ..default()
+    }
+}
+
+fn stock() -> Stock {
+    Stock::new(MAP_SIZE, &config())
+}
+
+/// All tables. `done` is called after each case.
+pub fn report(mut done: impl FnMut(&str)) -> String {
+    let mut text = "# Lookups: biases and filters\n\n".to_owned();
+    text += &biases(&mut done);
+    text += &costs(&mut done);
+    text
+}
+
+fn look(studio: &mut Studio) -> View {
+    let effort = Effort {
+        rays: 1,
+        flicker_poses: 0,
+        steps: 0,
+    };
+    let stance = studio.stance();
+    studio.survey(&[stance], effort, || ()).remove(0)
+}
+
+fn faults(studio: &mut Studio, view: &View, setting: &Setting, reach: f64) -> BiasFaults {
+    studio.apply(setting);
+    let shares = studio.shares(view);
+    studio.bias_faults(view, &shares, reach).0
+}
+
+fn biases(done: &mut impl FnMut(&str)) -> String {
+    let mut text = "## Biases\n\n\
+        Stain: lit pixels that lack a tenth of the light although no shadow is near. Leak: \
+        shadowed pixels that get more than half of it. Percent of the lit and of the shadowed. \
+        Bevy's best has the fewest leaks of those that do not stain, or else stains least: normal \
+        bias (texels), depth bias (metres).\n\n\
+        | case | filter | automatic: stain | leak | Bevy, defaults: stain | leak | Bevy, best: stain | leak | its biases |\n\
+        |---|---|---:|---:|---:|---:|---:|---:|---|\n"
+        .to_owned();
+    for case in Case::ALL {
+        done(&format!("{case:?}"));
+        let mut studio = case_studio(case);
+        let view = look(&mut studio);
+        for (filter, reach) in FILTERS {
+            let camera = studio.camera;
+            studio.world().entity_mut(camera).insert(filter);
+            let ours = faults(&mut studio, &view, &Setting::pssm("", config()), reach);
+            let defaults = faults(&mut studio, &view, &Setting::bevy("", stock()), reach);
+            let mut best: Option<(BiasFaults, f32, f32)> = None;
+            for normal_bias in NORMAL_BIASES {
+                for depth_bias in DEPTH_BIASES {
+                    let tried = Stock {
+                        normal_bias,
+                        depth_bias,
+                        ..stock()
+                    };
+                    let found = faults(&mut studio, &view, &Setting::bevy("", tried), reach);
+                    let key = |faults: &BiasFaults| (faults.stain_pct, faults.leak_pct);
+                    if best.is_none_or(|(best, ..)| key(&found) < key(&best)) {
+                        best = Some((found, normal_bias, depth_bias));
+                    }
+                }
+            }
+            let Some((best, normal_bias, depth_bias)) = best else {
+                continue;
+            };
+            let _ = writeln!(
+                text,
+                "| {case:?} | {filter:?} | {:.3} | {:.2} | {:.3} | {:.2} | {:.3} | {:.2} | {normal_bias}, {depth_bias} |",
+                ours.stain_pct,
+                ours.leak_pct,
+                defaults.stain_pct,
+                defaults.leak_pct,
+                best.stain_pct,
+                best.leak_pct,
+            );
+        }
+    }
+    text + "\n"
+}
+
+fn costs(done: &mut impl FnMut(&str)) -> String {
+    let mut text = "## What lookups cost the main pass\n\n\
+        Its time on the GPU, over Bevy's with the same filter, medians taken in turn: where all is \
+        lit (waves), and with shadows (balls).\n\n\
+        | filter | waves | balls |\n|---|---:|---:|\n"
+        .to_owned();
+    let mut studios = [Case::Waves, Case::Balls].map(|case| {
+        done(&format!("times, {case:?}"));
+        let mut studio = case_studio(case);
+        studio.headless.settle();
+        studio
+    });
+    for (filter, _) in FILTERS {
+        let ratios = studios.each_mut().map(|studio| {
+            let camera = studio.camera;
+            studio.world().entity_mut(camera).insert(filter);
+            ratio(
+                studio,
+                &Setting::pssm("", config()),
+                &Setting::bevy("", stock()),
+            )
+        });
+        let _ = writeln!(text, "| {filter:?} | {:.2} | {:.2} |", ratios[0], ratios[1]);
+    }
+    text += "\nThe same over the plugin's own default, which is Bevy's Gaussian in width:\n\n\
+        | setting | waves | balls |\n|---|---:|---:|\n";
+    for studio in &mut studios {
+        let camera = studio.camera;
+        studio
+            .world()
+            .entity_mut(camera)
+            .insert(ShadowFilteringMethod::Gaussian);
+    }
+    let with = |change: &dyn Fn(&mut ParallelSplitShadows)| {
+        let mut config = config();
+        change(&mut config);
+        config
+    };
+    let tent = |texels| ShadowFilter::Tent(FilterRadius::Texels(texels));
+    let others = [
+        (
+            "2×2",
+            with(&|config| config.filter = ShadowFilter::Hardware2x2),
+        ),
+        (
+            "tent of 4 texels",
+            with(&|config| config.filter = tent(4.0)),
+        ),
+        (
+            "tent of 8 texels",
+            with(&|config| config.filter = tent(8.0)),
+        ),
+        (
+            "soft",
+            with(&|config| config.filter = ShadowFilter::Soft { sun_degrees: 0.53 }),
+        ),
+        (
+            "normal offset",
+            with(&|config| config.bias = ShadowBias::NormalOffset { texels: 3.0 }),
+        ),
+        ("no blending", with(&|config| config.blend = 0.0)),
+        (
+            "dithered",
+            with(&|config| config.transition = CascadeTransition::Dither),
+        ),
+    ];
+    for (name, other) in others {
+        let ratios = studios.each_mut().map(|studio| {
+            ratio(
+                studio,
+                &Setting::pssm("", other.clone()),
+                &Setting::pssm("", config()),
+            )
+        });
+        let _ = writeln!(text, "| {name} | {:.2} | {:.2} |", ratios[0], ratios[1]);
+    }
+    text
+}
+
+/// The main pass' time under one setting over that under another.
+fn ratio(studio: &mut Studio, setting: &Setting, other: &Setting) -> f64 {
+    let mut times = [Vec::new(), Vec::new()];
+    for _ in 0..3 {
+        for (times, setting) in times.iter_mut().zip([setting, other]) {
+            studio.apply(setting);
+            // The first frames' times are those of the setting before, and of new pipelines.
+            for frame in 0..TIMED_FRAMES + 3 {
+                studio.shoot();
+                if frame >= 3 {
+                    times.push(studio.cost.gpu.main_milliseconds);
+                }
+            }
+        }
+    }
+    let [own, others] = times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    });
+    own / others.max(f64::MIN_POSITIVE)
+}
