@@ -32,16 +32,25 @@ const DEPTH_BIASES: [f32; 6] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5];
 /// Frames of which a time is the median.
 const TIMED_FRAMES: usize = 9;
 
+/// Bevy's, as they come.
+fn stock() -> Stock {
+    let config = ParallelSplitShadows {
+        far: FAR,
+        ..default()
+    };
+    Stock::new(MAP_SIZE, &config)
+}
+
+/// The same cascades for the plugin.
 fn config() -> ParallelSplitShadows {
+    let bounds = stock().cascades().bounds;
+    let inner = bounds.iter().take(3).map(|bound| f64::from(*bound));
     ParallelSplitShadows {
         far: FAR,
+        splits: SplitScheme::Manual(inner.collect()),
         map_size: MapSize::Same(MAP_SIZE),
         ..default()
     }
-}
-
-fn stock() -> Stock {
-    Stock::new(MAP_SIZE, &config())
 }
 
 /// All tables. `done` is called after each case.
