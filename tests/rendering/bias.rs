@@ -1,7 +1,13 @@
 //! The automatic bias holds where biases fail, under any map and filter.
 
-use bevy::prelude::*;
-use bevy_pssm::prelude::*;
+use bevy::{
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
+    light::ShadowFilteringMethod,
+    pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
+};
+use bevy_pssm::{geometry::split::split_planes, prelude::*};
+use image::RgbImage;
 
 use crate::{
     stage::take_turn,
@@ -57,19 +63,21 @@ fn variations() -> Vec<(ParallelSplitShadows, f64, f64)> {
     .collect()
 }
 
-fn keep(name: &str, view: &View, shares: &[Option<f32>], marks: &[bool]) {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/target/test-pictures");
+/// The light that arrives, and what is wrong with it in red.
+fn picture(view: &View, shares: &[Option<f32>], marks: &[bool]) -> RgbImage {
     let size = view.truth.size();
-    let picture = image::RgbImage::from_fn(size.x, size.y, |x, y| {
+    RgbImage::from_fn(size.x, size.y, |x, y| {
         let pixel = (y * size.x + x) as usize;
-        let share = shares[pixel];
-        let grey = share.map_or(90, |share| (share * 255.0) as u8);
-        match (marks[pixel], share) {
+        match (marks[pixel], shares[pixel]) {
             (true, _) => image::Rgb([255, 0, 0]),
             (false, None) => image::Rgb([70, 80, 110]),
-            (false, Some(_)) => image::Rgb([grey; 3]),
+            (false, Some(share)) => image::Rgb([(share * 255.0) as u8; 3]),
         }
-    });
+    })
+}
+
+fn write(name: &str, picture: &RgbImage) {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/target/test-pictures");
     std::fs::create_dir_all(folder)
         .and_then(|()| {
             let file = format!("{folder}/bias_{name}.png");
@@ -93,7 +101,7 @@ fn check(case: Case, most: f64) {
         studio.apply(&Setting::pssm(name.clone(), config));
         let shares = studio.shares(&view);
         let (found, marks) = studio.bias_faults(&view, &shares, radius);
-        keep(&name, &view, &shares, &marks);
+        write(&name, &picture(&view, &shares, &marks));
         let BiasFaults {
             stain_pct,
             gap_texels,
@@ -107,7 +115,7 @@ fn check(case: Case, most: f64) {
 }
 
 /// Within a texel of a wall that the sun grazes, a map cannot tell the wall from a caster.
-const FEET: f64 = 0.02;
+const FEET: f64 = 0.03;
 
 #[test]
 fn slopes() {
@@ -137,4 +145,239 @@ fn fences() {
 #[test]
 fn contact() {
     check(Case::Contact, FEET);
+}
+
+/// Deferred pixels know no triangles, only depths.
+#[test]
+fn deferred() {
+    let _turn = take_turn();
+    for (case, most) in [
+        (Case::Slopes, 0.0),
+        (Case::Balls, 0.0),
+        (Case::Contact, FEET),
+    ] {
+        let mut studio = case_studio(case);
+        let camera = studio.camera;
+        let world = studio.world();
+        world.insert_resource(DefaultOpaqueRendererMethod::deferred());
+        world
+            .entity_mut(camera)
+            .insert((DepthPrepass, DeferredPrepass));
+        let view = look(&mut studio);
+        for (config, radius, _) in variations().into_iter().take(5) {
+            let name = format!("deferred_{case:?}_{:?}_{radius}", config.map_size);
+            studio.apply(&Setting::pssm(name.clone(), config));
+            let shares = studio.shares(&view);
+            let (found, marks) = studio.bias_faults(&view, &shares, radius);
+            write(&name, &picture(&view, &shares, &marks));
+            assert!(found.stain_pct <= most, "{name}: {found:?}");
+        }
+    }
+}
+
+/// The GPU's formulas are the CPU's, and overlays show what they say.
+#[test]
+fn overlays_show_what_the_cpu_works_out() {
+    let _turn = take_turn();
+    for (case, warp) in [
+        (Case::Slopes, 0.0),
+        (Case::Slopes, 1.0),
+        (Case::Contact, 0.0),
+        (Case::Contact, 0.5),
+        (Case::Waves, 0.0),
+    ] {
+        let mut studio = case_studio(case);
+        let view = look(&mut studio);
+        studio.warp(warp);
+        let (config, ..) = variations().remove(1);
+        studio.apply(&Setting::pssm("overlay", config));
+        let shares = studio.shares(&view);
+        let mut show = |overlay| {
+            studio.world().insert_resource(overlay);
+            studio.shoot()
+        };
+        let [light, bias, texels, cascades] = [
+            ShadowOverlay::Light,
+            ShadowOverlay::Bias,
+            ShadowOverlay::TexelsPerPixel,
+            ShadowOverlay::Cascade,
+        ]
+        .map(&mut show);
+        let (mut compared, mut off) = (0, [0; 3]);
+        for (pixel, share) in shares.iter().enumerate() {
+            let Some(share) = share else {
+                continue;
+            };
+            off[0] += usize::from((light.pixel(pixel)[0] - share).abs() > 0.02);
+            let Some([expected_bias, expected_texels]) = studio.expected_lookup(&view, pixel)
+            else {
+                continue;
+            };
+            compared += 1;
+            let close = |found: f32, expected: f64, share: f64| {
+                (f64::from(found) - expected).abs() <= share * expected + 0.002
+            };
+            off[1] += usize::from(!close(10.0 * bias.pixel(pixel)[0], expected_bias, 0.02));
+            off[2] += usize::from(!close(2.0 * texels.pixel(pixel)[0], expected_texels, 0.06));
+            let colors: [f32; 3] = cascades.pixel(pixel);
+            assert!(
+                colors.iter().all(|c| (0.29..1.01).contains(c)),
+                "{colors:?}"
+            );
+        }
+        assert!(compared > 1000, "{case:?}: {compared}");
+        // Pixels at edges of triangles, and of cascades, may see the neighbour's.
+        assert!(
+            off[0] * 100 < shares.len(),
+            "{case:?}: {off:?} of {compared}"
+        );
+        assert!(off[1] * 50 < compared, "{case:?}: {off:?} of {compared}");
+        assert!(off[2] * 50 < compared, "{case:?}: {off:?} of {compared}");
+    }
+}
+
+/// Biases of the literature under a full warp (Scherzer and Wimmer, Fig. 6): rows are depth
+/// distributions, columns none, constant and slope-scaled.
+#[test]
+fn biases_of_the_literature() {
+    let _turn = take_turn();
+    let mut studio = case_studio(Case::Balls);
+    let view = look(&mut studio);
+    studio.warp(1.0);
+    let mut pictures = Vec::new();
+    let rows = [
+        (DepthDistribution::Hyperbolic, CasterFaces::Front),
+        (DepthDistribution::Linear, CasterFaces::Front),
+        (DepthDistribution::Hyperbolic, CasterFaces::Back),
+    ];
+    let columns = [
+        ShadowBias::Constant { metres: 0.0 },
+        ShadowBias::Constant { metres: 0.1 },
+        ShadowBias::SlopeScaled {
+            factor: 2.0,
+            metres: 0.0,
+        },
+    ];
+    let found = rows.map(|(depth, caster_faces)| {
+        columns.map(|bias| {
+            let config = ParallelSplitShadows {
+                far: 150.0,
+                map_size: MapSize::Same(512),
+                filter: ShadowFilter::Hardware2x2,
+                bias,
+                depth,
+                caster_faces,
+                ..default()
+            };
+            studio.apply(&Setting::pssm("literature", config));
+            let shares = studio.shares(&view);
+            let (found, marks) = studio.bias_faults(&view, &shares, 1.0);
+            pictures.push(picture(&view, &shares, &marks));
+            found
+        })
+    });
+    let size = view.truth.size();
+    let mut matrix = RgbImage::new(3 * size.x, 3 * size.y);
+    for (index, picture) in pictures.iter().enumerate() {
+        let (column, row) = (index as u32 % 3, index as u32 / 3);
+        let [x, y] = [column * size.x, row * size.y].map(i64::from);
+        image::imageops::replace(&mut matrix, picture, x, y);
+    }
+    write("literature", &matrix);
+    let stain = found.map(|row| row.map(|found| found.stain_pct));
+    let [hyperbolic, linear, back] = stain;
+    assert!(hyperbolic[0] > 50.0 && linear[0] > 50.0, "{stain:?}");
+    assert!((0.1..10.0).contains(&hyperbolic[1]), "{stain:?}");
+    assert!(linear[1] < 0.95 * hyperbolic[1], "{stain:?}");
+    assert!(linear[0] < hyperbolic[0], "{stain:?}");
+    assert_eq!([hyperbolic[2], linear[2]], [0.0; 2]);
+    assert_eq!(back, [0.0; 3]);
+    assert!(
+        found.iter().flatten().all(|found| found.leak_pct < 1.0),
+        "{found:?}"
+    );
+}
+
+/// Where one cascade gives way to the next, edges are no softer on one side than on the other.
+#[test]
+fn softness_does_not_jump_at_splits() {
+    let _turn = take_turn();
+    let mut studio = case_studio(Case::Slab);
+    let view = look(&mut studio);
+    let camera = studio.camera;
+    studio
+        .world()
+        .entity_mut(camera)
+        .insert(ShadowFilteringMethod::Gaussian);
+    let mut widths = |config: ParallelSplitShadows, windows: &[[f64; 2]]| -> Vec<f64> {
+        studio.apply(&Setting::pssm("seams", config));
+        let shares = studio.shares(&view);
+        windows
+            .iter()
+            .map(|window| studio.penumbra(&view, &shares, *window))
+            .collect()
+    };
+    let config = ParallelSplitShadows {
+        far: 150.0,
+        map_size: MapSize::Same(1024),
+        ..default()
+    };
+    let planes = split_planes(&config.splits, config.near, config.far, 4);
+    // Nearer planes lie below the picture.
+    for plane in &planes[2..4] {
+        let around = [[0.985 * plane, *plane], [*plane, 1.015 * plane]];
+        let found = widths(config.clone(), &around);
+        let jump = (found[1] / found[0] - 1.0).abs();
+        assert!(jump <= 0.1, "at {plane} m from {found:?}");
+    }
+    // In metres, the same in the midst of cascades of different texels.
+    let metres = ParallelSplitShadows {
+        filter: ShadowFilter::Tent(FilterRadius::Metres(0.5)),
+        ..config.clone()
+    };
+    let midst = [2, 3].map(|index| {
+        let middle = 0.5 * (planes[index] + planes[index + 1]);
+        [0.9 * middle, 1.1 * middle]
+    });
+    let [even, uneven] = [metres, config].map(|config| {
+        let found = widths(config, &midst);
+        found[1] / found[0]
+    });
+    assert!((even - 1.0).abs() < 0.1, "{even}");
+    assert!(uneven > 1.5, "{uneven}");
+}
+
+/// Over frames, dithering comes to the same as cross-fading.
+#[test]
+fn dithering_is_cross_fading_on_average() {
+    const FRAMES: usize = 32;
+    let _turn = take_turn();
+    let mut studio = case_studio(Case::Slab);
+    let view = look(&mut studio);
+    let with = |transition| ParallelSplitShadows {
+        far: 150.0,
+        blend: 0.5,
+        map_size: MapSize::Same(256),
+        transition,
+        ..default()
+    };
+    studio.apply(&Setting::pssm("faded", with(CascadeTransition::CrossFade)));
+    let faded = studio.shares(&view);
+    studio.apply(&Setting::pssm("dithered", with(CascadeTransition::Dither)));
+    let frames: Vec<_> = (0..FRAMES).map(|_| studio.shares(&view)).collect();
+    let (mut mixed, mut error) = (0, 0.0);
+    for (pixel, faded) in faded.iter().enumerate() {
+        let found: Vec<f32> = frames.iter().filter_map(|frame| frame[pixel]).collect();
+        let (least, most) = found.iter().fold((1.0_f32, 0.0_f32), |(lo, hi), share| {
+            (lo.min(*share), hi.max(*share))
+        });
+        let (Some(faded), true) = (faded, most - least > 0.3) else {
+            continue;
+        };
+        mixed += 1;
+        let mean = found.iter().sum::<f32>() / found.len() as f32;
+        error += (mean - faded).abs();
+    }
+    assert!(mixed > 100, "{mixed} pixels differ between cascades");
+    assert!(error / (mixed as f32) < 0.06, "{}", error / mixed as f32);
 }

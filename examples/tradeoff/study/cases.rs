@@ -3,7 +3,7 @@
 use bevy::{
     asset::RenderAssetUsages,
     light::{CascadeShadowConfig, Cascades, DirectionalLightShadowMap},
-    math::{DMat4, DVec3},
+    math::{DMat2, DMat4, DVec2, DVec3},
     mesh::PrimitiveTopology,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
@@ -11,7 +11,7 @@ use bevy::{
 use bevy_pssm::{
     PssmSystems, ShadowPlans,
     geometry::{
-        bias::MapDerivatives,
+        bias::{MapDerivatives, automatic},
         light_frame::LightFrame,
         warp::{WarpFrame, slice_vertices},
     },
@@ -24,9 +24,6 @@ use super::{
     run::View,
     studio::{Studio, linear_camera, measurable_app},
 };
-
-/// Pictures (pixels).
-const SIZE: UVec2 = UVec2::new(256, 192);
 
 /// A scene under the usual sun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,10 +40,12 @@ pub enum Case {
     Fences,
     /// A box on the ground, from its shadow's side.
     Contact,
+    /// A slab over the ground along the view, for its shadow's edge at all depths.
+    Slab,
 }
 
 impl Case {
-    /// All.
+    /// Those that biases fail in.
     pub const ALL: [Self; 6] = [
         Self::Slopes,
         Self::Balls,
@@ -61,11 +60,20 @@ impl Case {
             Self::Slopes => (Vec3::new(0.0, 0.0, 0.0), Vec3::NEG_Z),
             Self::Waves => (Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -25.0)),
             Self::Contact => (Vec3::new(-1.2, 1.4, 4.5), Vec3::new(-1.6, 0.2, 0.0)),
+            Self::Slab => (Vec3::new(0.0, 12.0, 6.0), Vec3::new(0.0, 0.0, -40.0)),
             Self::Balls | Self::Walls | Self::Fences => {
                 (Vec3::new(0.0, 3.0, 4.0), Vec3::new(0.0, 0.5, -6.0))
             }
         };
         Transform::from_translation(eye).looking_at(target, Vec3::Y)
+    }
+
+    /// Of its pictures (pixels).
+    fn size(self) -> UVec2 {
+        match self {
+            Self::Slab => UVec2::new(512, 384),
+            _ => UVec2::new(256, 192),
+        }
     }
 }
 
@@ -122,6 +130,8 @@ fn warp_maps(
                     let guard = DMat4::from_translation(DVec3::Z * 0.05)
                         * DMat4::from_scale(DVec3::new(scale, scale, 0.9));
                     let body = slice_vertices(&slice);
+                    let turned = map.clip_from_world.determinant().signum();
+                    let guard = DMat4::from_scale(DVec3::new(turned, 1.0, 1.0)) * guard;
                     map.clip_from_world = guard * warp.clip_from_world(&body, share.0 / near);
                     map.clip_from_cascade = map.clip_from_world * map.world_from_cascade;
                 }
@@ -140,7 +150,8 @@ fn warp_maps(
 
 /// A case before a camera, with the plugin's maps to be warped at will.
 pub fn case_studio(case: Case) -> Studio {
-    let mut headless = measurable_app(SIZE, |app| {
+    let size = case.size();
+    let mut headless = measurable_app(size, |app| {
         app.init_resource::<WarpShare>()
             .init_resource::<LaidMaps>()
             .insert_resource(GlobalAmbientLight::NONE)
@@ -167,7 +178,7 @@ pub fn case_studio(case: Case) -> Studio {
     let camera = world
         .spawn((Camera3d::default(), target, case.eye(), linear_camera()))
         .id();
-    Studio::new(headless, camera, sun, SIZE)
+    Studio::new(headless, camera, sun, size)
 }
 
 fn build(world: &mut World, case: Case) {
@@ -231,6 +242,10 @@ fn build(world: &mut World, case: Case) {
         Case::Contact => {
             let block = Cuboid::new(1.5, 1.0, 1.5).mesh().build();
             scene.add(block, Transform::from_xyz(0.0, 0.5, 0.0));
+        }
+        Case::Slab => {
+            let slab = Cuboid::new(6.0, 0.2, 400.0).mesh().build();
+            scene.add(slab, Transform::from_xyz(6.0, 3.0, 0.0));
         }
     }
 }
@@ -392,6 +407,81 @@ impl Studio {
         (faults, marks)
     }
 
+    /// The automatic bias towards the light that a pixel should have (texels), and the texels
+    /// that it spans where they are fewest; `None` where two cascades are mixed, or the pixel and
+    /// its neighbours are not of one triangle.
+    pub fn expected_lookup(&mut self, view: &View, pixel: usize) -> Option<[f64; 2]> {
+        let maps = self.laid_maps();
+        let truth = &view.truth;
+        let sample = |pixel: usize| truth.samples.get(pixel).copied().flatten();
+        let here = sample(pixel)?;
+        let steps = [1, self.size.x as usize].map(|step| sample(pixel + step));
+        let [right, below] = [steps[0]?, steps[1]?];
+        if right.triangle != here.triangle || below.triangle != here.triangle {
+            return None;
+        }
+        let depth = depth_of(view, here.point);
+        let map = maps.iter().find(|map| depth < map.far)?;
+        if depth > 0.8 * map.far {
+            return None;
+        }
+        let derivatives = MapDerivatives::at(&map.clip_from_world, here.point)?;
+        let to_sun = to_sun().as_dvec3();
+        let bias = automatic(
+            &map.clip_from_world,
+            here.point,
+            here.normal,
+            to_sun,
+            map.size,
+        )?;
+        let texel = derivatives.texel(map.size).max_element();
+        let per_metre = derivatives.z.dot(to_sun).abs();
+        let texels = [right, below].map(|neighbour| {
+            let step = neighbour.point - here.point;
+            0.5 * map.size * DVec2::new(derivatives.x.dot(step), derivatives.y.dot(step))
+        });
+        let jacobian = DMat2::from_cols(texels[0], texels[1]);
+        let squares = jacobian.transpose() * jacobian;
+        let (half_trace, determinant) = (
+            0.5 * (squares.x_axis.x + squares.y_axis.y),
+            squares.determinant(),
+        );
+        let fewest = half_trace - (half_trace * half_trace - determinant).max(0.0).sqrt();
+        Some([bias.depth / per_metre / texel, fewest.max(0.0).sqrt()])
+    }
+
+    /// Width of the penumbra at the edge of [`Case::Slab`]'s shadow, mean over a range of view
+    /// depths (metres along the ground, 10 to 90 % or so).
+    pub fn penumbra(&mut self, view: &View, shares: &[Option<f32>], depths: [f64; 2]) -> f64 {
+        let width = self.size.x as usize;
+        let mut widths = Vec::new();
+        for row in 0..self.size.y as usize {
+            let mut sum = 0.0;
+            let mut wanted = false;
+            let row = row * width..(row + 1) * width;
+            let samples = view.truth.samples[row.clone()].windows(2);
+            for (pair, share) in samples.zip(&shares[row]) {
+                let (Some(here), Some(next), Some(share)) = (pair[0], pair[1], *share) else {
+                    continue;
+                };
+                let on_ground = here.point.y.abs() < 1e-3 && next.point.y.abs() < 1e-3;
+                // Left of the shadow's middle.
+                if !on_ground || here.point.x > 3.0 {
+                    continue;
+                }
+                let depth = depth_of(view, here.point);
+                wanted |= depth >= depths[0] && depth < depths[1];
+                let share = f64::from(share);
+                // A sixth of its width for an even ramp.
+                sum += 6.0 * share * (1.0 - share) * (next.point.x - here.point.x);
+            }
+            if wanted {
+                widths.push(sum);
+            }
+        }
+        widths.iter().sum::<f64>() / widths.len().max(1) as f64
+    }
+
     fn laid_maps(&mut self) -> Vec<LaidMap> {
         let (camera, sun) = (self.camera, self.sun);
         let world = self.world();
@@ -421,12 +511,7 @@ impl Studio {
 /// Size of a texel across the light at a point (metres); near a cascade's end the next one's,
 /// which is mixed in there.
 fn texel_at(maps: &[LaidMap], view: &View, point: DVec3) -> Option<f64> {
-    let depth = view
-        .truth
-        .lens
-        .clip_from_world
-        .row(3)
-        .dot(point.extend(1.0));
+    let depth = depth_of(view, point);
     let index = maps.iter().position(|map| depth < map.far)?;
     let next = maps
         .get(index + 1)
@@ -436,4 +521,13 @@ fn texel_at(maps: &[LaidMap], view: &View, point: DVec3) -> Option<f64> {
         Some(derivatives.texel(map.size).max_element())
     };
     Some(texel(&maps[index])?.max(next.and_then(texel).unwrap_or(0.0)))
+}
+
+/// Metres from the eye, along the view.
+fn depth_of(view: &View, point: DVec3) -> f64 {
+    view.truth
+        .lens
+        .clip_from_world
+        .row(3)
+        .dot(point.extend(1.0))
 }
