@@ -53,6 +53,10 @@ const RAYS: u32 = 4;
 /// Poses at which flicker is measured: the first ones. Motions cost a frame each.
 const FLICKER_POSES: usize = 1;
 
+/// The settings of which alternatives are worked out.
+const TO_BLUR: &str = "stable 2048 2×2";
+const TO_PREFILTER: &str = "stable 2048";
+
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     match run(&arguments) {
@@ -221,6 +225,7 @@ fn measure_scene(
         settings: Vec::new(),
         rows: Vec::new(),
         worst_pose: Vec::new(),
+        alternatives: Vec::new(),
     };
     for setting in settings {
         progress.say(&format!("{name}: {}", setting.name));
@@ -229,6 +234,13 @@ fn measure_scene(
         let file = arguments.out.join(picture_name(name, &setting.name));
         triptych(&views[worst], &outcome, worst).save(file)?;
         report.rows.push(Row::new(name, &outcome, views.len()));
+        if setting.name == TO_BLUR {
+            let shares: Vec<_> = outcome.shots.iter().map(|s| s.shares.clone()).collect();
+            report.alternatives.extend(studio.blurred(&views, &shares));
+        } else if setting.name == TO_PREFILTER && !arguments.quick {
+            progress.say(&format!("{name}: alternatives"));
+            report.alternatives.extend(studio.prefiltered(&views[0]));
+        }
         report.worst_pose.push(worst);
         report.settings.push(setting);
     }

@@ -7,6 +7,7 @@ use crate::{
     pareto::{Axis, front},
     plot,
     study::{
+        alternatives::Alternative,
         row::{COLUMNS, Row},
         settings::{Setting, Technique},
     },
@@ -27,6 +28,8 @@ pub struct SceneReport {
     pub rows: Vec<Row>,
     /// By row: the pose where it is worst, whose pictures are kept.
     pub worst_pose: Vec<usize>,
+    /// What the plugin does not have.
+    pub alternatives: Vec<Alternative>,
 }
 
 /// Writes the table of all scenes.
@@ -144,6 +147,21 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
             )?;
         }
     }
+    if !scene.alternatives.is_empty() {
+        text.push_str(
+            "What the plugin does not have, worked out under the same maps: blurs of the picture of \
+             light at all poses, filters before the comparison at the first.\n\n\
+             | technique | wrong % | stain % | mae % |\n|---|---|---|---|\n",
+        );
+    }
+    for Alternative { name, figures } in &scene.alternatives {
+        writeln!(
+            text,
+            "| {name} | {:.3} | {:.3} | {:.3} |",
+            figures.wrong_pct, figures.stain_pct, figures.mae_pct
+        )?;
+    }
+    text.push('\n');
     write_recommendations(text, scene)
 }
 

@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "shared with the tests")]
 
 pub mod accuracy;
+pub mod alternatives;
 pub mod cases;
 pub mod cost;
 pub mod flicker;

@@ -210,12 +210,31 @@ impl Tracer {
         })
     }
 
+    /// How far above a point the caster nearest to the sun lies, on the line towards the sun
+    /// (metres); negative below it. `None` without any.
+    pub fn caster_height(&self, point: DVec3, to_sun: DVec3) -> Option<f64> {
+        /// Higher than anything (metres).
+        const TOP: f64 = 5000.0;
+        let casts = |triangle| self.geometry.surface(triangle).casts;
+        let hit = self.first_of(point + TOP * to_sun, -to_sun, casts)?;
+        Some(TOP - hit.1)
+    }
+
     fn first_hit(&self, start: DVec3, direction: DVec3) -> Option<(u32, f64)> {
+        self.first_of(start, direction, |_| true)
+    }
+
+    fn first_of(
+        &self,
+        start: DVec3,
+        direction: DVec3,
+        counts: impl Fn(u32) -> bool,
+    ) -> Option<(u32, f64)> {
         let ray = Ray::new_inf(start.as_vec3a(), direction.as_vec3a());
         let mut nearest: Option<(u32, f64)> = None;
         self.bvh.ray_traverse(ray, &mut RayHit::none(), |_, id| {
             let triangle = self.bvh.primitive_indices[id];
-            let drawn = self.is_drawn(triangle, direction);
+            let drawn = counts(triangle) && self.is_drawn(triangle, direction);
             match self.intersect(triangle, start, direction).filter(|_| drawn) {
                 Some(distance) => {
                     if nearest.is_none_or(|(_, least)| distance < least) {
