@@ -309,7 +309,8 @@ fn softness_does_not_jump_at_splits() {
         .world()
         .entity_mut(camera)
         .insert(ShadowFilteringMethod::Gaussian);
-    let mut widths = |config: ParallelSplitShadows, windows: &[[f64; 2]]| -> Vec<f64> {
+    let mut widths = |config: ParallelSplitShadows, warp: f64, windows: &[[f64; 2]]| -> Vec<f64> {
+        studio.warp(warp);
         studio.apply(&Setting::pssm("seams", config));
         let shares = studio.shares(&view);
         windows
@@ -326,7 +327,7 @@ fn softness_does_not_jump_at_splits() {
     // Nearer planes lie below the picture.
     for plane in &planes[2..4] {
         let around = [[0.985 * plane, *plane], [*plane, 1.015 * plane]];
-        let found = widths(config.clone(), &around);
+        let found = widths(config.clone(), 0.0, &around);
         let jump = (found[1] / found[0] - 1.0).abs();
         assert!(jump <= 0.1, "at {plane} m from {found:?}");
     }
@@ -339,12 +340,26 @@ fn softness_does_not_jump_at_splits() {
         let middle = 0.5 * (planes[index] + planes[index + 1]);
         [0.9 * middle, 1.1 * middle]
     });
-    let [even, uneven] = [metres, config].map(|config| {
-        let found = widths(config, &midst);
+    let mut ratio = |config: &ParallelSplitShadows, warp, windows: &[[f64; 2]]| {
+        let found = widths(config.clone(), warp, windows);
         found[1] / found[0]
-    });
+    };
+    let [even, uneven] = [&metres, &config].map(|config| ratio(config, 0.0, &midst));
     assert!((even - 1.0).abs() < 0.1, "{even}");
     assert!(uneven > 1.5, "{uneven}");
+    // … and within one whose texels a warp makes ever larger and longer.
+    let within = [0.4, 0.8].map(|share| {
+        let depth = planes[2] + share * (planes[3] - planes[2]);
+        [0.95 * depth, 1.05 * depth]
+    });
+    let coarse = |config| ParallelSplitShadows {
+        map_size: MapSize::Same(384),
+        ..config
+    };
+    let [even, uneven] =
+        [coarse(metres), coarse(config)].map(|config| ratio(&config, 1.0, &within));
+    assert!((even - 1.0).abs() < 0.15, "{even}");
+    assert!(uneven > 1.2, "{uneven}");
 }
 
 /// Over frames, dithering comes to the same as cross-fading.

@@ -80,6 +80,8 @@ fn every_flag_combination_compiles() {
     let switches = [
         "PCSS_SAMPLERS_AVAILABLE",
         "NO_CUBE_ARRAY_TEXTURES_SUPPORT",
+        "DEFERRED_LIGHTING_PIPELINE",
+        "DEPTH_PREPASS",
         "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
     ];
     let mut compiled = 0;
@@ -99,5 +101,5 @@ fn every_flag_combination_compiles() {
             compiled += 1;
         }
     }
-    assert_eq!(compiled, 32);
+    assert_eq!(compiled, 128);
 }
