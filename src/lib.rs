@@ -51,6 +51,7 @@ pub use config::{
 };
 pub use debug::ShadowOverlay;
 pub use render::PssmRenderSystems;
+pub use shaders::ShaderParts;
 pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
 
 use bevy::{
@@ -63,8 +64,8 @@ pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
         CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution, FilterRadius,
-        MapSize, ParallelSplitShadows, PssmPlugin, ShadowBias, ShadowFilter, ShadowOverlay,
-        ShadowPreset, SplitScheme,
+        MapSize, ParallelSplitShadows, PssmPlugin, ShaderParts, ShadowBias, ShadowFilter,
+        ShadowOverlay, ShadowPreset, SplitScheme,
     };
 }
 
@@ -79,9 +80,11 @@ impl Plugin for PssmPlugin {
         let max_map_size = config::MaxMapSize::default();
         app.init_resource::<render::GpuSupport>()
             .init_resource::<ShadowOverlay>()
+            .init_resource::<ShaderParts>()
             .register_type::<ParallelSplitShadows>()
             .register_type::<ShadowPreset>()
             .register_type::<ShadowOverlay>()
+            .register_type::<ShaderParts>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
             .register_asset_loader(config::ShadowPresetLoader::new(max_map_size.clone()))

@@ -393,6 +393,8 @@ pub(super) fn adopt_views(
 const NO_MAP: ExtractedCascade = ExtractedCascade {
     map_size: crate::config::MIN_MAP_SIZE,
     has_map: false,
+    texel: [0.0; 2],
+    depth_per_metre: 0.0,
     blend_start: f32::MAX,
     far: f32::MAX,
 };

@@ -48,15 +48,24 @@ pub(crate) struct ExtractedLight {
 pub(crate) struct ExtractedCascade {
     pub map_size: u32,
     pub has_map: bool,
+    /// Size of a texel (metres), and NDC depth per metre towards the light: of maps that are not
+    /// in perspective.
+    pub texel: [f32; 2],
+    pub depth_per_metre: f32,
     pub blend_start: f32,
     pub far: f32,
 }
 
 impl From<&CascadePlan> for ExtractedCascade {
     fn from(plan: &CascadePlan) -> Self {
+        let map = plan.map.as_ref();
         Self {
             map_size: plan.map_size,
-            has_map: plan.map.is_some(),
+            has_map: map.is_some(),
+            texel: map.map_or([0.0; 2], |map| map.texel.as_vec2().to_array()),
+            depth_per_metre: map.map_or(0.0, |map| {
+                map.clip_from_world.row(2).truncate().length() as f32
+            }),
             blend_start: plan.blend_start as f32,
             far: plan.far as f32,
         }

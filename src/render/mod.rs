@@ -17,8 +17,7 @@ pub use pass::{SHADOW_PASS_SPAN, shadow_map_pass};
 pub(crate) use extract::ExtractedShadows;
 
 use bevy::{
-    app::{App, PreUpdate},
-    asset::AssetTrackingSystems,
+    app::App,
     core_pipeline::schedule::{Core3d, Core3dSystems},
     ecs::{
         resource::Resource,
@@ -81,10 +80,6 @@ pub(crate) fn build(app: &mut App) {
         return;
     }
     shaders::build(app);
-    app.add_systems(
-        PreUpdate,
-        shaders::replace_shadow_module.after(AssetTrackingSystems),
-    );
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };

@@ -18,8 +18,9 @@ pub(crate) struct LookupOptions {
     pub filter: [f32; 4],
     /// Kind, two parameters, whether depth is taken as linear.
     pub bias: [f32; 4],
-    /// Multipliers of the bias: the part that follows the slope, and the constant one.
-    pub bias_scale: [f32; 2],
+    /// Multipliers of the bias: the part that follows the slope, and the constant one. Then 1, or
+    /// −1 where maps hold back faces.
+    pub bias_scale: [f32; 3],
     /// Texels at a map's edge that filters would reach over.
     pub border: f32,
 }
@@ -65,8 +66,9 @@ impl LookupOptions {
                 flag(config.depth == DepthDistribution::Linear),
             ],
             bias_scale: [
-                (side * normal_multiplier(light.shadow_normal_bias)) as f32,
-                (side * depth_multiplier(light.shadow_depth_bias)) as f32,
+                normal_multiplier(light.shadow_normal_bias) as f32,
+                depth_multiplier(light.shadow_depth_bias) as f32,
+                side,
             ],
             border: kind.reach_texels() as f32,
         }

@@ -16,6 +16,7 @@ use bevy::{
 };
 
 use crate::{
+    config::MAX_CASCADES,
     debug::ShadowOverlay,
     shaders::{SLOT_MARK, code},
 };
@@ -34,6 +35,7 @@ mod layout {
     /// A column of a cascade's matrix, which comes first in it.
     pub const COLUMN: usize = 16;
     pub const TEXEL_SIZE: usize = 64;
+    pub const COLOR: usize = 320;
     pub const DIR_TO_LIGHT: usize = 336;
     pub const OVERLAP: usize = 368;
     pub const BASE_INDEX: usize = 372;
@@ -126,28 +128,32 @@ fn fill_slot(
     target_size: f32,
     is_drawn: impl Fn(bevy::ecs::entity::Entity) -> bool,
 ) {
+    let mut ends = [f32::MAX; MAX_CASCADES];
     for (index, (view, cascade)) in light.cascades.iter().enumerate() {
         let Some(cascade) = cascade else {
             continue;
         };
+        ends[index] = cascade.far;
         let is_drawn = cascade.has_map && is_drawn(*view);
         let field = index * layout::CASCADE;
         write_at(
             slot,
             field,
             &[
-                cascade.map_size as f32 / target_size,
+                target_size.recip(),
                 cascade.map_size as f32,
                 f32::from(u8::from(cascade.has_map)) + f32::from(u8::from(is_drawn)),
                 light.options.border,
             ],
         );
+        let [width, height] = cascade.texel;
         write_at(
             slot,
             field + layout::COLUMN,
-            &[cascade.blend_start, cascade.far],
+            &[cascade.blend_start, width, height, cascade.depth_per_metre],
         );
     }
+    write_at(slot, layout::COLOR, &ends);
     let LookupOptions { filter, bias, .. } = &light.options;
     write_at(slot, 2 * layout::COLUMN, filter);
     write_at(slot, 3 * layout::COLUMN, bias);

@@ -5,11 +5,16 @@
 //! exactly right, so the replacement *is* Bevy's text, with its directional functions renamed
 //! and ours, which choose between the two, put in their place.
 
+mod parts;
+
+pub use parts::ShaderParts;
+
 use bevy::{
-    app::App,
-    asset::{AssetServer, Assets, Handle},
+    app::{App, PostUpdate},
+    asset::{AssetEventSystems, AssetServer, Assets, Handle},
     ecs::{
         resource::Resource,
+        schedule::IntoScheduleConfigs,
         system::{Res, ResMut},
         world::{FromWorld, World},
     },
@@ -17,7 +22,7 @@ use bevy::{
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
 
-use crate::{config::MAX_FILTER_TEXELS, geometry::bias, render::GpuSupport};
+use crate::{config::MAX_FILTER_TEXELS, geometry::bias, render::GpuSupport, systems::PssmSystems};
 
 /// Where Bevy keeps the module.
 const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
@@ -61,7 +66,7 @@ const CONSTANTS: [(&str, u32); 21] = [
     ("PSSM_BIAS_SLOPE_SCALED", code::BIAS_SLOPE_SCALED),
     ("PSSM_BIAS_NORMAL_OFFSET", code::BIAS_NORMAL_OFFSET),
     ("PSSM_BIAS_RECEIVER_PLANE", code::BIAS_RECEIVER_PLANE),
-    ("PSSM_FILTER_CAMERA", code::FILTER_CAMERA),
+    ("PSSM_FILTER_HARDWARE", code::FILTER_HARDWARE),
     ("PSSM_FILTER_TENT", code::FILTER_TENT),
     ("PSSM_FILTER_TEMPORAL", code::FILTER_TEMPORAL),
     ("PSSM_FILTER_SOFT", code::FILTER_SOFT),
@@ -105,14 +110,23 @@ const REDIRECTED: [[&str; 2]; 2] = [
 #[derive(Resource)]
 pub(crate) struct ShadowModule {
     stock: Handle<Shader>,
-    replaced: bool,
+    text: Option<Replacement>,
+    compiled: Option<ShaderParts>,
+}
+
+/// The text that takes Bevy's place.
+enum Replacement {
+    Known(String),
+    /// Bevy's is not the one of this release.
+    Impossible,
 }
 
 impl FromWorld for ShadowModule {
     fn from_world(world: &mut World) -> Self {
         Self {
             stock: world.resource::<AssetServer>().load(STOCK_PATH),
-            replaced: false,
+            text: None,
+            compiled: None,
         }
     }
 }
@@ -123,48 +137,68 @@ pub(crate) fn build(app: &mut App) {
     load_shader_library!(app, "filter.wesl");
     load_shader_library!(app, "overlay.wesl");
     load_shader_library!(app, "directional.wesl");
-    app.init_resource::<ShadowModule>();
+    app.init_resource::<ShadowModule>().add_systems(
+        PostUpdate,
+        (parts::add_needed_parts, replace_shadow_module)
+            .chain()
+            .after(PssmSystems::ManageLights)
+            .before(AssetEventSystems),
+    );
 }
 
-/// Replaces the module as soon as it has loaded; sooner, the load would undo it.
-pub(crate) fn replace_shadow_module(
+/// Replaces the module as soon as it has loaded; sooner, the load would undo it. And again
+/// whenever parts are added.
+fn replace_shadow_module(
     mut module: ResMut<ShadowModule>,
     mut shaders: ResMut<Assets<Shader>>,
+    parts: Res<ShaderParts>,
     support: Res<GpuSupport>,
 ) {
-    if module.replaced || !support.shadows() {
+    if module.compiled == Some(*parts) || !support.shadows() {
         return;
     }
-    let Some(stock) = shaders.get(&module.stock) else {
+    let module = &mut *module;
+    if module.text.is_none() {
+        let Some(stock) = shaders.get(&module.stock) else {
+            return;
+        };
+        let text = match &stock.source {
+            Source::Wesl(text) => replacement_for(text),
+            _ => None,
+        };
+        if text.is_none() {
+            error!(
+                "{STOCK_PATH} is not the one of Bevy 0.20: shadows of managed lights will be wrong"
+            );
+        }
+        module.text = Some(text.map_or(Replacement::Impossible, Replacement::Known));
+    }
+    let Some(Replacement::Known(text)) = &module.text else {
         return;
     };
-    module.replaced = true;
-    let replacement = match &stock.source {
-        Source::Wesl(text) => replacement_for(text),
-        _ => None,
-    };
-    let Some(text) = replacement else {
-        error!("{STOCK_PATH} is not the one of Bevy 0.20: shadows of managed lights will be wrong");
-        return;
-    };
-    let mut shader = Shader::from_wesl(text, STOCK_PATH);
-    shader.shader_defs = shader_defs();
+    let mut shader = Shader::from_wesl(text.clone(), STOCK_PATH);
+    shader.shader_defs = shader_defs(*parts);
     if let Err(err) = shaders.insert(&module.stock, shader) {
         error!("Could not replace {STOCK_PATH}: {err}");
     }
+    module.compiled = Some(*parts);
 }
 
-/// Constants that the library shares with Rust, and the switch that makes Bevy call
-/// `cascade_debug_visualization`.
-pub fn shader_defs() -> Vec<ShaderDefVal> {
+/// Constants that the library shares with Rust, the parts that are in, and the switch that makes
+/// Bevy call `cascade_debug_visualization`.
+pub fn shader_defs(parts: ShaderParts) -> Vec<ShaderDefVal> {
     let mut defs: Vec<ShaderDefVal> = CONSTANTS
         .iter()
         .map(|(name, value)| ShaderDefVal::UInt((*name).into(), *value))
         .collect();
+    defs.extend(parts.defs());
     defs.extend([
         // Browsers reject derivatives where control flow may differ between pixels.
         ShaderDefVal::Bool("PSSM_DERIVATIVES".into(), cfg!(not(target_family = "wasm"))),
-        ShaderDefVal::Bool("DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(), true),
+        ShaderDefVal::Bool(
+            "DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(),
+            parts.overlays,
+        ),
     ]);
     defs
 }

@@ -352,7 +352,9 @@ pub struct BiasFaults {
 impl Studio {
     /// Has maps warped.
     pub fn warp(&mut self, share: f64) {
-        self.world().insert_resource(WarpShare(share));
+        let world = self.world();
+        world.insert_resource(WarpShare(share));
+        world.resource_mut::<ShaderParts>().warps |= share > 0.0;
     }
 
     /// What is wrong with a picture for the bias' sake, under a filter that reaches so many

@@ -1,0 +1,95 @@
+//! Parts of the shader library that not every game needs.
+
+use bevy::{
+    ecs::{
+        change_detection::DetectChangesMut,
+        reflect::ReflectResource,
+        resource::Resource,
+        system::{Query, Res, ResMut},
+    },
+    light::DirectionalLight,
+    reflect::{Reflect, std_traits::ReflectDefault},
+    shader::ShaderDefVal,
+};
+
+use crate::{
+    config::{DepthDistribution, ParallelSplitShadows, ShadowBias, ShadowFilter},
+    debug::ShadowOverlay,
+    systems::ManagedLight,
+};
+
+/// Parts of the shader that are compiled in, for code that never runs costs registers all the
+/// same.
+///
+/// A part is added when something first asks for it, and stays. All materials' pipelines are then
+/// compiled anew, as when a camera changes its `ShadowFilteringMethod`, and draw nothing until
+/// they are. A game that changes such settings while it runs can insert what it will
+/// need beforehand, [`ShaderParts::ALL`] or less.
+#[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Resource, Default, Debug, Clone, PartialEq)]
+pub struct ShaderParts {
+    /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
+    pub biases: bool,
+    /// All of [`ShadowFilter`] but `Camera`.
+    pub filters: bool,
+    /// Maps in perspective, for systems of your own that put some into
+    /// [`ShadowPlans`](crate::ShadowPlans): no setting asks for them.
+    pub warps: bool,
+    /// [`ShadowOverlay`].
+    pub overlays: bool,
+}
+
+impl ShaderParts {
+    /// Everything that settings can ask for.
+    pub const ALL: Self = Self {
+        biases: true,
+        filters: true,
+        warps: true,
+        overlays: true,
+    };
+
+    fn of_light(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
+        Self {
+            biases: config.bias != ShadowBias::Automatic
+                || config.depth == DepthDistribution::Linear,
+            filters: config.filter_for(light) != ShadowFilter::Camera,
+            ..Self::default()
+        }
+    }
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            biases: self.biases || other.biases,
+            filters: self.filters || other.filters,
+            warps: self.warps || other.warps,
+            overlays: self.overlays || other.overlays,
+        }
+    }
+
+    /// The switches of the shader library that leave all else out.
+    pub fn defs(self) -> [ShaderDefVal; 4] {
+        [
+            ("PSSM_BIASES", self.biases),
+            ("PSSM_FILTERS", self.filters),
+            ("PSSM_WARPS", self.warps),
+            ("PSSM_OVERLAYS", self.overlays),
+        ]
+        .map(|(name, set)| ShaderDefVal::Bool(name.into(), set))
+    }
+}
+
+/// Adds what this frame's lights need.
+pub(crate) fn add_needed_parts(
+    mut parts: ResMut<ShaderParts>,
+    overlay: Res<ShadowOverlay>,
+    lights: Query<(&ManagedLight, &DirectionalLight)>,
+) {
+    let mut needed = *parts;
+    needed.overlays |= *overlay != ShadowOverlay::None;
+    for (managed, light) in &lights {
+        if let Some(config) = managed.config() {
+            needed = needed.union(ShaderParts::of_light(config, light));
+        }
+    }
+    parts.set_if_neq(needed);
+}
