@@ -27,6 +27,8 @@
 //!   `CascadeShadowConfig`, `CascadesFrusta` and `CascadesVisibleEntities` are kept true.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases or texels per pixel in the picture.
+//! - [`ShaderParts`] are the parts of the shader that are compiled in: what settings have asked
+//!   for so far.
 //! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
 //!
 //! # Limits

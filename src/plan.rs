@@ -33,7 +33,9 @@ pub struct CascadePlan {
 /// The extent of a cascade's map and which casters matter to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CascadeMap {
-    /// World space to the map's clip space: orthographic, NDC z in [0, 1] with 1 at the light.
+    /// World space to the map's clip space: orthographic, NDC z in [0, 1] with 1 at the light. A
+    /// system of your own may put a perspective in its place, if
+    /// [`ShaderParts::warps`](crate::ShaderParts) is set; otherwise `texel` must be kept true.
     pub clip_from_world: DMat4,
     /// The cascade's own frame (x, y along the map, z to the light, origin on the near face) to
     /// clip space.

@@ -7,7 +7,7 @@ use bevy::{light::ShadowFilteringMethod, prelude::*};
 use bevy_pssm::prelude::*;
 
 use crate::study::{
-    cases::{BiasFaults, Case, case_studio},
+    cases::{BiasFaults, Case, bevys_studio, case_studio},
     run::{Effort, View},
     settings::{Setting, Stock},
     studio::Studio,
@@ -29,8 +29,9 @@ const FILTERS: [(ShadowFilteringMethod, f64); 3] = [
 const NORMAL_BIASES: [f32; 8] = [0.0, 0.6, 1.2, 1.8, 2.4, 3.6, 5.0, 8.0];
 const DEPTH_BIASES: [f32; 6] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5];
 
-/// Frames of which a time is the median.
+/// Frames that are timed in a row, and how often: their median counts.
 const TIMED_FRAMES: usize = 9;
+const TURNS: usize = 3;
 
 /// Bevy's, as they come.
 fn stock() -> Stock {
@@ -134,22 +135,30 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
         lit (waves), and with shadows (balls).\n\n\
         | filter | waves | balls |\n|---|---:|---:|\n"
         .to_owned();
-    let mut studios = [Case::Waves, Case::Balls].map(|case| {
+    let cases = [Case::Waves, Case::Balls];
+    let mut studios = cases.map(|case| {
         done(&format!("times, {case:?}"));
         let mut studio = case_studio(case);
         studio.headless.settle();
         studio
     });
+    // Apart, where the shader holds nothing of the plugin's.
+    let mut bevys = cases.map(|case| {
+        let mut studio = bevys_studio(case);
+        studio.headless.settle();
+        studio
+    });
     for (filter, _) in FILTERS {
-        let ratios = studios.each_mut().map(|studio| {
-            let camera = studio.camera;
-            studio.world().entity_mut(camera).insert(filter);
-            ratio(
-                studio,
-                &Setting::pssm("", config()),
-                &Setting::bevy("", stock()),
-            )
-        });
+        let mut ratios = [0.0; 2];
+        for ((studio, bevys), ratio) in studios.iter_mut().zip(&mut bevys).zip(&mut ratios) {
+            for studio in [&mut *studio, &mut *bevys] {
+                let camera = studio.camera;
+                studio.world().entity_mut(camera).insert(filter);
+            }
+            studio.apply(&Setting::pssm("", config()));
+            bevys.apply(&Setting::bevy("", stock()));
+            *ratio = quotient(|own| times(if own { &mut *studio } else { &mut *bevys }));
+        }
         let _ = writeln!(text, "| {filter:?} | {:.2} | {:.2} |", ratios[0], ratios[1]);
     }
     text += "\nThe same over the plugin's own default, which is Bevy's Gaussian in width:\n\n\
@@ -209,22 +218,34 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
 
 /// The main pass' time under one setting over that under another.
 fn ratio(studio: &mut Studio, setting: &Setting, other: &Setting) -> f64 {
-    let mut times = [Vec::new(), Vec::new()];
-    for _ in 0..3 {
-        for (times, setting) in times.iter_mut().zip([setting, other]) {
-            studio.apply(setting);
-            // The first frames' times are those of the setting before, and of new pipelines.
-            for frame in 0..TIMED_FRAMES + 3 {
-                studio.shoot();
-                if frame >= 3 {
-                    times.push(studio.cost.gpu.main_milliseconds);
-                }
-            }
-        }
+    quotient(|own| {
+        studio.apply(if own { setting } else { other });
+        times(studio)
+    })
+}
+
+/// The main pass' times over a few frames.
+fn times(studio: &mut Studio) -> Vec<f64> {
+    // The first frames' times are those of the setting before, and of new pipelines.
+    (0..TIMED_FRAMES + 3)
+        .map(|_| {
+            studio.shoot();
+            studio.cost.gpu.main_milliseconds
+        })
+        .skip(3)
+        .collect()
+}
+
+/// The median of one's times over that of the other's, taken in turn.
+fn quotient(mut measure: impl FnMut(bool) -> Vec<f64>) -> f64 {
+    let mut taken = [Vec::new(), Vec::new()];
+    for _ in 0..TURNS {
+        taken[0].extend(measure(true));
+        taken[1].extend(measure(false));
     }
-    let [own, others] = times.map(|mut times| {
+    let [own, other] = taken.map(|mut times| {
         times.sort_by(f64::total_cmp);
         times[times.len() / 2]
     });
-    own / others.max(f64::MIN_POSITIVE)
+    own / other.max(f64::MIN_POSITIVE)
 }

@@ -9,12 +9,16 @@ use bevy::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ConfigError, ParallelSplitShadows};
-use crate::geometry::fit::LookupReach;
+use super::{CascadeFit, ConfigError, ParallelSplitShadows};
+use crate::geometry::{bias::MOST_OFFSET_TEXELS, fit::LookupReach};
 
-/// The largest filter radius that stays affordable (texels): beyond it a lookup reads hundreds
-/// of texels.
+/// The largest filter radius that stays affordable (texels): it reads 256 of them.
 pub const MAX_FILTER_TEXELS: f64 = 8.0;
+
+/// Radius of the tent that has the variance of Bevy's Gaussian (texels).
+pub(crate) const GAUSSIAN_TEXELS: f64 = 2.65;
+/// That of its temporal filter's disk (texels).
+pub(crate) const TEMPORAL_TEXELS: f64 = 2.0;
 
 /// Larger suns are a mistake (degrees).
 const MAX_SUN_DEGREES: f64 = 20.0;
@@ -84,7 +88,8 @@ pub enum CasterFaces {
     Front,
     /// Those that materials cull (Scherzer and Wimmer, 4.2): lit surfaces are not in the map
     /// and cannot shadow themselves, but open meshes and ground cast no shadow, and thin ones
-    /// leak. The bias turns around: away from the light.
+    /// leak. The bias turns around, away from the light, so materials without culling shadow
+    /// themselves.
     Back,
 }
 
@@ -102,7 +107,9 @@ pub enum ShadowFilter {
     /// The four nearest texels, by bilinear weights: one tap.
     Hardware2x2,
     /// All texels within the radius, weights falling evenly to zero. Radius 1 is
-    /// `Hardware2x2`; `r` texels take about `(r + ½)²` taps.
+    /// `Hardware2x2`; up to 3 texels take nine taps, `r` more take about `r (r + 2)`, and twice as
+    /// many where a shadow's edge is near. Wider is softer and hides texels; edges move off
+    /// the truth by what is hidden.
     Tent(FilterRadius),
     /// Eight taps on a spiral, turned from pixel to pixel and frame to frame: for cameras with
     /// temporal antialiasing; grainy otherwise.
@@ -180,12 +187,14 @@ impl ShadowFilter {
         }
     }
 
-    /// How far a lookup reads from its point, in texels, one bilinear tap included.
-    pub fn reach_texels(self) -> f64 {
+    /// How far a lookup reads from its point, in texels, one bilinear tap included. Over texels
+    /// that are not `square`, a filter is longer in one direction than its radius says.
+    pub fn reach_texels(self, square: bool) -> f64 {
         match self {
-            // The camera may ask for any of Bevy's methods.
-            Self::Camera => 4.0,
             Self::Hardware2x2 => 1.0,
+            _ if !square => MAX_FILTER_TEXELS + 1.0,
+            // The camera may ask for any of Bevy's methods.
+            Self::Camera => GAUSSIAN_TEXELS.max(TEMPORAL_TEXELS).ceil() + 1.0,
             Self::Tent(FilterRadius::Texels(texels))
             | Self::Temporal(FilterRadius::Texels(texels)) => texels + 1.0,
             Self::Tent(FilterRadius::Metres(_))
@@ -218,16 +227,23 @@ impl ParallelSplitShadows {
 
     /// What surface lookups reach beyond their points, for a light.
     pub fn lookup_reach(&self, light: &DirectionalLight) -> LookupReach {
+        let normal = normal_multiplier(light.shadow_normal_bias).abs();
         let offset = match self.bias {
-            ShadowBias::NormalOffset { texels } => {
-                (texels * normal_multiplier(light.shadow_normal_bias)).abs()
+            ShadowBias::NormalOffset { texels } => texels * normal,
+            ShadowBias::Automatic => {
+                MOST_OFFSET_TEXELS * normal.max(depth_multiplier(light.shadow_depth_bias).abs())
             }
             _ => 0.0,
         };
         let filter = self.filter_for(light);
         LookupReach {
-            texels: (filter.reach_texels() + offset).ceil(),
+            texels: (filter.reach_texels(self.has_square_texels()) + offset).ceil(),
         }
+    }
+
+    /// Whether the fit lays maps of square texels.
+    pub(crate) fn has_square_texels(&self) -> bool {
+        self.fit == CascadeFit::Stable
     }
 }
 

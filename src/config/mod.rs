@@ -11,7 +11,7 @@ pub use filter::{
 };
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 
-pub(crate) use filter::{depth_multiplier, normal_multiplier};
+pub(crate) use filter::{GAUSSIAN_TEXELS, TEMPORAL_TEXELS, depth_multiplier, normal_multiplier};
 pub(crate) use preset::MaxMapSize;
 
 use bevy::{

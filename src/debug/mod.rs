@@ -23,7 +23,8 @@ pub enum ShadowOverlay {
     Light,
     /// The cascade by the same colours.
     Cascade,
-    /// The bias in texels, along the light: 0.1 (linear) is one texel.
+    /// The bias in texels, towards the light: 0.1 (linear) is one texel. What goes along the
+    /// normal instead, beyond 3, is not shown, nor is what goes away from the light.
     Bias,
     /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
     /// one, texels show.

@@ -30,13 +30,17 @@ pub const LEAST_SLOPE: f64 = 2.0;
 /// any slope.
 pub const MOST_TEXELS: u32 = 3;
 
+/// What it then takes along the normal at most (texels): the wall's and the rounding's parts
+/// included, with a margin.
+pub const MOST_OFFSET_TEXELS: f64 = 2.0;
+
 /// Where a filter's taps differ, casters that rise by less than this from the lookup's point
 /// (metres towards the light per metre across it, on top of the plane's own slope) may be a bend
 /// of the surface itself.
 pub const CORNER_SLOPE: u32 = 4;
 
-/// Planes whose normal is across the light as far as the sine of this one's reciprocal count as
-/// though they were not farther (89.6°): they get no light to speak of.
+/// Where the sine of the angle between plane and light is below one part in so many (89.6° from
+/// facing it), it is taken as that: such planes get no light to speak of.
 pub const EDGE_ON_RECIPROCAL: u32 = 128;
 
 /// World positions are rounded by one part in so many, matrices' products included.

@@ -25,6 +25,7 @@ use super::options::LookupOptions;
 use crate::{
     debug::ShadowOverlay,
     plan::CascadePlan,
+    shaders::ShaderParts,
     systems::{ManagedLight, ShadowPlans, parked_cascade},
 };
 
@@ -76,6 +77,7 @@ pub(super) fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
     lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
     overlay: Extract<Res<ShadowOverlay>>,
+    parts: Extract<Res<ShaderParts>>,
     stock: Extract<Res<DirectionalLightShadowMap>>,
 ) {
     extracted.stock_size = stock.size;
@@ -96,7 +98,7 @@ pub(super) fn extract_shadows(
                 )
             })
             .collect();
-        let options = LookupOptions::new(config, directional);
+        let options = LookupOptions::new(config, directional, **parts);
         extracted
             .lights
             .insert(MainEntity::from(light), ExtractedLight { options, views });

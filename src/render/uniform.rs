@@ -1,10 +1,11 @@
-//! Per-cascade data for the shader, in the unused slots of Bevy's light uniform.
+//! What the shader needs of each light and cascade, and the overlay, in the unused slots of Bevy's light uniform.
 //!
 //! Slots of the `directional_lights` array past the lights in use are not read by Bevy. From
 //! the last slot downwards each managed light takes one; `shaders/slot.wesl` reads them.
 
 use bevy::{
     ecs::{
+        entity::Entity,
         query::With,
         system::{Query, Res},
     },
@@ -126,7 +127,7 @@ fn fill_slot(
     slot: &mut [f32; layout::LIGHT / 4],
     light: &AdoptedLight,
     target_size: f32,
-    is_drawn: impl Fn(bevy::ecs::entity::Entity) -> bool,
+    is_drawn: impl Fn(Entity) -> bool,
 ) {
     let mut ends = [f32::MAX; MAX_CASCADES];
     for (index, (view, cascade)) in light.cascades.iter().enumerate() {

@@ -22,7 +22,12 @@ use bevy::{
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
 
-use crate::{config::MAX_FILTER_TEXELS, geometry::bias, render::GpuSupport, systems::PssmSystems};
+use crate::{
+    config::{GAUSSIAN_TEXELS, MAX_FILTER_TEXELS, TEMPORAL_TEXELS},
+    geometry::bias,
+    render::GpuSupport,
+    systems::PssmSystems,
+};
 
 /// Where Bevy keeps the module.
 const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
@@ -60,8 +65,14 @@ const CONSTANTS: [(&str, u32); 21] = [
     ("PSSM_MOST_TEXELS", bias::MOST_TEXELS),
     ("PSSM_CORNER", bias::CORNER_SLOPE),
     ("PSSM_MAX_FILTER_TEXELS", MAX_FILTER_TEXELS as u32),
-    ("PSSM_GAUSSIAN_HUNDREDTHS", 265),
-    ("PSSM_TEMPORAL_HUNDREDTHS", 200),
+    (
+        "PSSM_GAUSSIAN_HUNDREDTHS",
+        (100.0 * GAUSSIAN_TEXELS).round() as u32,
+    ),
+    (
+        "PSSM_TEMPORAL_HUNDREDTHS",
+        (100.0 * TEMPORAL_TEXELS).round() as u32,
+    ),
     ("PSSM_BIAS_AUTOMATIC", code::BIAS_AUTOMATIC),
     ("PSSM_BIAS_SLOPE_SCALED", code::BIAS_SLOPE_SCALED),
     ("PSSM_BIAS_NORMAL_OFFSET", code::BIAS_NORMAL_OFFSET),

@@ -30,7 +30,8 @@ use crate::{
 pub struct ShaderParts {
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
-    /// All of [`ShadowFilter`] but `Camera`.
+    /// All of [`ShadowFilter`] but `Camera`, and what [`CascadeFit::Tight`](crate::CascadeFit)
+    /// needs, whose texels are not square.
     pub filters: bool,
     /// Maps in perspective, for systems of your own that put some into
     /// [`ShadowPlans`](crate::ShadowPlans): no setting asks for them.
@@ -44,7 +45,7 @@ impl ShaderParts {
     pub const ALL: Self = Self {
         biases: true,
         filters: true,
-        warps: true,
+        warps: false,
         overlays: true,
     };
 
@@ -52,7 +53,8 @@ impl ShaderParts {
         Self {
             biases: config.bias != ShadowBias::Automatic
                 || config.depth == DepthDistribution::Linear,
-            filters: config.filter_for(light) != ShadowFilter::Camera,
+            filters: config.filter_for(light) != ShadowFilter::Camera
+                || !config.has_square_texels(),
             ..Self::default()
         }
     }

@@ -591,6 +591,7 @@ fn types_are_registered_for_reflection() {
         "bevy_pssm::config::ParallelSplitShadows",
         "bevy_pssm::config::preset::ShadowPreset",
         "bevy_pssm::debug::ShadowOverlay",
+        "bevy_pssm::shaders::parts::ShaderParts",
         "bevy_pssm::config::SplitScheme",
     ] {
         assert!(registry.get_with_type_path(path).is_some(), "{path}");

@@ -6,7 +6,10 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_pssm::{geometry::split::split_planes, prelude::*};
+use bevy_pssm::{
+    geometry::{bias::MOST_TEXELS, split::split_planes},
+    prelude::*,
+};
 use image::RgbImage;
 
 use crate::{
@@ -29,36 +32,55 @@ fn look(studio: &mut Studio) -> View {
     studio.survey(&[stance], effort, || ()).remove(0)
 }
 
-/// Fits, sizes, radii and warps: each value with several of the others'.
-fn variations() -> Vec<(ParallelSplitShadows, f64, f64)> {
+/// A setting to check, how far its filter reads (texels), and how strongly maps are warped.
+struct Variation {
+    name: String,
+    config: ParallelSplitShadows,
+    reach: f64,
+    warp: f64,
+}
+
+/// Fits, sizes, filters and warps: each value with several of the others'.
+fn variations() -> Vec<Variation> {
     use CascadeFit::{Stable, Tight};
+    let tent = |texels| ShadowFilter::Tent(FilterRadius::Texels(texels));
+    let temporal = ShadowFilter::Temporal(FilterRadius::Texels(2.0));
+    let soft = ShadowFilter::Soft { sun_degrees: 0.53 };
     [
-        (Stable, 1024, 1.0, 0.0),
-        (Stable, 1024, 2.65, 0.0),
-        (Stable, 1024, 5.0, 0.0),
-        (Stable, 256, 1.0, 0.0),
-        (Stable, 256, 5.0, 0.0),
-        (Stable, 4096, 2.65, 0.0),
-        (Stable, 4096, 5.0, 0.0),
-        (Tight, 1024, 2.65, 0.0),
-        (Tight, 256, 5.0, 0.0),
-        (Tight, 4096, 1.0, 0.0),
-        (Stable, 1024, 2.65, 0.2),
-        (Stable, 1024, 1.0, 1.0),
-        (Stable, 1024, 5.0, 1.0),
-        (Stable, 256, 2.65, 0.5),
-        (Stable, 4096, 2.65, 1.0),
+        (Stable, 1024, tent(1.0), 1.0, 0.0),
+        (Stable, 1024, tent(2.65), 2.65, 0.0),
+        (Stable, 1024, tent(5.0), 5.0, 0.0),
+        (Stable, 256, tent(1.0), 1.0, 0.0),
+        (Stable, 256, tent(5.0), 5.0, 0.0),
+        (Stable, 4096, tent(2.65), 2.65, 0.0),
+        (Stable, 4096, tent(5.0), 5.0, 0.0),
+        (Tight, 1024, tent(2.65), 2.65, 0.0),
+        (Tight, 256, tent(5.0), 5.0, 0.0),
+        (Tight, 4096, tent(1.0), 1.0, 0.0),
+        (Stable, 1024, ShadowFilter::Camera, 2.65, 0.0),
+        (Tight, 1024, ShadowFilter::Camera, 2.65, 0.0),
+        (Stable, 1024, temporal, 2.0, 0.0),
+        (Stable, 1024, soft, 8.0, 0.0),
+        (Stable, 1024, tent(2.65), 2.65, 0.2),
+        (Stable, 1024, tent(1.0), 1.0, 1.0),
+        (Stable, 1024, tent(5.0), 5.0, 1.0),
+        (Stable, 256, tent(2.65), 2.65, 0.5),
+        (Stable, 4096, tent(2.65), 2.65, 1.0),
+        (Stable, 1024, ShadowFilter::Camera, 2.65, 1.0),
     ]
     .into_iter()
-    .map(|(fit, size, radius, warp)| {
-        let config = ParallelSplitShadows {
+    .map(|(fit, size, filter, reach, warp)| Variation {
+        name: format!("{fit:?}_{size}_{filter:?}_{warp}")
+            .replace(|c: char| !(c.is_alphanumeric() || "._".contains(c)), ""),
+        config: ParallelSplitShadows {
             far: 150.0,
             fit,
             map_size: MapSize::Same(size),
-            filter: ShadowFilter::Tent(FilterRadius::Texels(radius)),
+            filter,
             ..default()
-        };
-        (config, radius, warp)
+        },
+        reach,
+        warp,
     })
     .collect()
 }
@@ -86,32 +108,61 @@ fn write(name: &str, picture: &RgbImage) {
         .expect("pictures can be written");
 }
 
-/// No lit pixel lacks light: in percent of those that no shadow is near, at most `most`.
-fn check(case: Case, most: f64) {
+/// What may be wrong.
+#[derive(Clone, Copy)]
+struct Most {
+    /// Percent of the lit pixels that no shadow is near, and lack light.
+    stain: f64,
+    /// Percent of the shadowed pixels that get light, in maps of 1024² and more.
+    leak: f64,
+}
+
+fn judge(
+    studio: &mut Studio,
+    view: &View,
+    variation: &Variation,
+    name: &str,
+    most: Most,
+) -> String {
+    studio.apply(&Setting::pssm(name, variation.config.clone()));
+    let shares = studio.shares(view);
+    let (found, marks) = studio.bias_faults(view, &shares, variation.reach);
+    write(name, &picture(view, &shares, &marks));
+    let BiasFaults {
+        stain_pct,
+        leak_pct,
+        gap_texels,
+    } = found;
+    // Texels of maps of 256² are wider than what stands there.
+    let leak = if variation.config.map_size == MapSize::Same(256) {
+        35.0
+    } else {
+        most.leak
+    };
+    let fails = stain_pct > most.stain || gap_texels > 1.5 || leak_pct > leak;
+    if fails {
+        format!("{name}: {found:?}\n")
+    } else {
+        String::new()
+    }
+}
+
+fn check(case: Case, most: Most) {
     let _turn = take_turn();
     let mut studio = case_studio(case);
+    let camera = studio.camera;
+    studio
+        .world()
+        .entity_mut(camera)
+        .insert(ShadowFilteringMethod::Gaussian);
     let view = look(&mut studio);
-    let mut failures = Vec::new();
-    for (config, radius, warp) in variations() {
-        let name = format!(
-            "{case:?}_{:?}_{:?}_{radius}_{warp}",
-            config.fit, config.map_size
-        );
-        studio.warp(warp);
-        studio.apply(&Setting::pssm(name.clone(), config));
-        let shares = studio.shares(&view);
-        let (found, marks) = studio.bias_faults(&view, &shares, radius);
-        write(&name, &picture(&view, &shares, &marks));
-        let BiasFaults {
-            stain_pct,
-            gap_texels,
-            ..
-        } = found;
-        if stain_pct > most || gap_texels > 1.5 {
-            failures.push(format!("{name}: {found:?}"));
-        }
+    let mut failures = String::new();
+    for variation in variations() {
+        let name = format!("{case:?}_{}", variation.name);
+        studio.warp(variation.warp);
+        failures += &judge(&mut studio, &view, &variation, &name, most);
     }
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    assert!(failures.is_empty(), "{failures}");
 }
 
 /// Within a texel of a wall that the sun grazes, a map cannot tell the wall from a caster.
@@ -119,42 +170,97 @@ const FEET: f64 = 0.03;
 
 #[test]
 fn slopes() {
-    check(Case::Slopes, 0.0);
+    check(
+        Case::Slopes,
+        Most {
+            stain: 0.0,
+            leak: 0.0,
+        },
+    );
 }
 
 #[test]
 fn balls() {
-    check(Case::Balls, 0.0);
+    check(
+        Case::Balls,
+        Most {
+            stain: 0.0,
+            leak: 1.0,
+        },
+    );
 }
 
 #[test]
 fn waves() {
-    check(Case::Waves, 0.0);
+    check(
+        Case::Waves,
+        Most {
+            stain: 0.0,
+            leak: 0.0,
+        },
+    );
 }
 
 #[test]
 fn walls() {
-    check(Case::Walls, FEET);
+    check(
+        Case::Walls,
+        Most {
+            stain: FEET,
+            leak: 2.5,
+        },
+    );
 }
 
 #[test]
 fn fences() {
-    check(Case::Fences, FEET);
+    check(
+        Case::Fences,
+        Most {
+            stain: FEET,
+            leak: 10.0,
+        },
+    );
 }
 
 #[test]
 fn contact() {
-    check(Case::Contact, FEET);
+    check(
+        Case::Contact,
+        Most {
+            stain: FEET,
+            leak: 0.8,
+        },
+    );
 }
 
 /// Deferred pixels know no triangles, only depths.
 #[test]
 fn deferred() {
     let _turn = take_turn();
+    let mut failures = String::new();
     for (case, most) in [
-        (Case::Slopes, 0.0),
-        (Case::Balls, 0.0),
-        (Case::Contact, FEET),
+        (
+            Case::Slopes,
+            Most {
+                stain: 0.0,
+                leak: 0.0,
+            },
+        ),
+        (
+            Case::Balls,
+            Most {
+                stain: 0.0,
+                leak: 1.0,
+            },
+        ),
+        (
+            Case::Contact,
+            Most {
+                stain: FEET,
+                leak: 0.8,
+            },
+        ),
     ] {
         let mut studio = case_studio(case);
         let camera = studio.camera;
@@ -164,18 +270,16 @@ fn deferred() {
             .entity_mut(camera)
             .insert((DepthPrepass, DeferredPrepass));
         let view = look(&mut studio);
-        for (config, radius, _) in variations().into_iter().take(5) {
-            let name = format!("deferred_{case:?}_{:?}_{radius}", config.map_size);
-            studio.apply(&Setting::pssm(name.clone(), config));
-            let shares = studio.shares(&view);
-            let (found, marks) = studio.bias_faults(&view, &shares, radius);
-            write(&name, &picture(&view, &shares, &marks));
-            assert!(found.stain_pct <= most, "{name}: {found:?}");
+        for variation in variations().into_iter().take(5) {
+            let name = format!("deferred_{case:?}_{}", variation.name);
+            failures += &judge(&mut studio, &view, &variation, &name, most);
         }
     }
+    assert!(failures.is_empty(), "{failures}");
 }
 
-/// The GPU's formulas are the CPU's, and overlays show what they say.
+/// The GPU's formulas are the CPU's, times the light's multipliers, and overlays show what they
+/// say.
 #[test]
 fn overlays_show_what_the_cpu_works_out() {
     let _turn = take_turn();
@@ -189,7 +293,7 @@ fn overlays_show_what_the_cpu_works_out() {
         let mut studio = case_studio(case);
         let view = look(&mut studio);
         studio.warp(warp);
-        let (config, ..) = variations().remove(1);
+        let Variation { config, .. } = variations().remove(1);
         studio.apply(&Setting::pssm("overlay", config));
         let shares = studio.shares(&view);
         let mut show = |overlay| {
@@ -203,7 +307,15 @@ fn overlays_show_what_the_cpu_works_out() {
             ShadowOverlay::Cascade,
         ]
         .map(&mut show);
-        let (mut compared, mut off) = (0, [0; 3]);
+        let [none, twice] = [0.0, 2.0].map(|multiplier| {
+            let sun = studio.sun;
+            let mut light = studio.world().get_mut::<DirectionalLight>(sun).unwrap();
+            light.shadow_depth_bias = multiplier * DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS;
+            light.shadow_normal_bias = multiplier * DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS;
+            studio.world().insert_resource(ShadowOverlay::Bias);
+            studio.shoot()
+        });
+        let (mut compared, mut off) = (0, [0; 5]);
         for (pixel, share) in shares.iter().enumerate() {
             let Some(share) = share else {
                 continue;
@@ -218,6 +330,10 @@ fn overlays_show_what_the_cpu_works_out() {
                 (f64::from(found) - expected).abs() <= share * expected + 0.002
             };
             off[1] += usize::from(!close(10.0 * bias.pixel(pixel)[0], expected_bias, 0.02));
+            let most = f64::from(MOST_TEXELS);
+            let doubled = (2.0 * expected_bias).min(most);
+            off[3] += usize::from(!close(10.0 * twice.pixel(pixel)[0], doubled, 0.02));
+            off[4] += usize::from(!close(10.0 * none.pixel(pixel)[0], 0.0, 0.0));
             off[2] += usize::from(!close(2.0 * texels.pixel(pixel)[0], expected_texels, 0.06));
             let colors: [f32; 3] = cascades.pixel(pixel);
             assert!(
@@ -231,8 +347,11 @@ fn overlays_show_what_the_cpu_works_out() {
             off[0] * 100 < shares.len(),
             "{case:?}: {off:?} of {compared}"
         );
-        assert!(off[1] * 50 < compared, "{case:?}: {off:?} of {compared}");
-        assert!(off[2] * 50 < compared, "{case:?}: {off:?} of {compared}");
+        let rest = &off[1..];
+        assert!(
+            rest.iter().all(|off| off * 50 < compared),
+            "{case:?}: {off:?} of {compared}"
+        );
     }
 }
 

@@ -13,7 +13,6 @@ use bevy::{
 };
 
 use bevy_pssm::{ShaderParts, shaders::shader_defs};
-use std::collections::BTreeSet;
 
 use crate::stage::Stage;
 
@@ -36,6 +35,9 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4(cascade_debug_visualization(local.xyz, 0u, position.z), shadow);
 }
 ";
+
+const GAUSSIAN: &str = "SHADOW_FILTER_METHOD_GAUSSIAN";
+const TEMPORAL: &str = "SHADOW_FILTER_METHOD_TEMPORAL";
 
 fn load(
     device: &RenderDevice,
@@ -82,8 +84,8 @@ fn every_flag_combination_compiles() {
     let filters = [
         None,
         Some("SHADOW_FILTER_METHOD_HARDWARE_2X2"),
-        Some("SHADOW_FILTER_METHOD_GAUSSIAN"),
-        Some("SHADOW_FILTER_METHOD_TEMPORAL"),
+        Some(GAUSSIAN),
+        Some(TEMPORAL),
     ];
     let platforms: [&[&str]; 5] = [
         &[],
@@ -92,7 +94,9 @@ fn every_flag_combination_compiles() {
         &["DEFERRED_LIGHTING_PIPELINE", "DEPTH_PREPASS"],
         &["DEFERRED_LIGHTING_PIPELINE", "PCSS_SAMPLERS_AVAILABLE"],
     ];
-    let switches: BTreeSet<&str> = platforms.concat().into_iter().collect();
+    let mut switches = platforms.concat();
+    switches.sort_unstable();
+    switches.dedup();
     let mut compiled = 0;
     for set in 0..16 {
         let parts = ShaderParts {
@@ -103,6 +107,15 @@ fn every_flag_combination_compiles() {
         };
         let mut shader = replacement.clone();
         shader.shader_defs = shader_defs(parts);
+        // Some as browsers have them.
+        for def in &mut shader.shader_defs {
+            if let ShaderDefVal::Bool(name, value) = def
+                && name == "PSSM_DERIVATIVES"
+            {
+                *value = set & 3 != 3;
+            }
+        }
+        let wide = parts.filters || parts.warps;
         cache.set_shader(module, shader);
         for filter in filters {
             for platform in platforms {
@@ -114,10 +127,18 @@ fn every_flag_combination_compiles() {
                 let text = cache
                     .get(compiled, entry, &defs)
                     .unwrap_or_else(|error| panic!("{parts:?}, {defs:?}: {error}"));
-                assert!(
-                    text.contains("fetch_split_shadow"),
-                    "the module was not replaced"
-                );
+                for (name, part) in [
+                    ("fetch_split_shadow", true),
+                    ("manual", parts.biases),
+                    ("disk_offset", parts.filters || filter == Some(TEMPORAL)),
+                    (
+                        "wide_tent",
+                        wide && (parts.filters || filter == Some(GAUSSIAN)),
+                    ),
+                    ("cascade_color", parts.overlays),
+                ] {
+                    assert_eq!(text.contains(name), part, "{name}: {parts:?}, {filter:?}");
+                }
                 compiled += 1;
             }
         }

@@ -189,10 +189,12 @@ impl Model {
         let Some(map) = self.maps.iter_mut().find(|map| depth < map.far) else {
             return LIT;
         };
-        let (Some(here), Some(bias)) = (
-            MapDerivatives::at(&map.clip_from_world, point),
-            automatic(&map.clip_from_world, point, normal, self.to_sun, map.size),
-        ) else {
+        let Some(bias) = automatic(&map.clip_from_world, point, normal, self.to_sun, map.size)
+        else {
+            return LIT;
+        };
+        let out = normal * bias.offset.copysign(normal.dot(self.to_sun));
+        let Some(here) = MapDerivatives::at(&map.clip_from_world, point + out) else {
             return LIT;
         };
         let slope = here.depth_slope(normal).unwrap_or_default() * 2.0 / map.size;

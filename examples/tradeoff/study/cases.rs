@@ -20,9 +20,11 @@ use bevy_pssm::{
     systems::view_volume,
 };
 
+use crate::headless::Headless;
+
 use super::{
     run::View,
-    studio::{Studio, linear_camera, measurable_app},
+    studio::{Studio, bevys_app, linear_camera, measurable_app},
 };
 
 /// A scene under the usual sun.
@@ -151,10 +153,9 @@ fn warp_maps(
 /// A case before a camera, with the plugin's maps to be warped at will.
 pub fn case_studio(case: Case) -> Studio {
     let size = case.size();
-    let mut headless = measurable_app(size, |app| {
+    let headless = measurable_app(size, |app| {
         app.init_resource::<WarpShare>()
             .init_resource::<LaidMaps>()
-            .insert_resource(GlobalAmbientLight::NONE)
             .add_systems(
                 PostUpdate,
                 warp_maps
@@ -162,16 +163,28 @@ pub fn case_studio(case: Case) -> Studio {
                     .before(PssmSystems::CullCasters),
             );
     });
+    furnish(headless, case, size, ParallelSplitShadows::default())
+}
+
+/// A case without the plugin.
+pub fn bevys_studio(case: Case) -> Studio {
+    let size = case.size();
+    furnish(bevys_app(size, |_| ()), case, size, ())
+}
+
+fn furnish(mut headless: Headless, case: Case, size: UVec2, shadows: impl Bundle) -> Studio {
     let target = headless.render_target();
     let world = headless.app.world_mut();
+    world.insert_resource(GlobalAmbientLight::NONE);
     build(world, case);
     let sun = world
         .spawn((
             DirectionalLight {
                 illuminance: 3000.0,
+                shadow_maps_enabled: true,
                 ..default()
             },
-            ParallelSplitShadows::default(),
+            shadows,
             Transform::default().looking_to(-to_sun(), Vec3::Y),
         ))
         .id();

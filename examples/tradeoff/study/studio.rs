@@ -37,13 +37,21 @@ pub fn linear_camera() -> impl Bundle {
 
 /// An app with the plugin, whose pictures can be measured.
 pub fn measurable_app(size: UVec2, setup: impl FnOnce(&mut App)) -> Headless {
+    bevys_app(size, |app| {
+        app.add_plugins(PssmPlugin);
+        setup(app);
+    })
+}
+
+/// The same without the plugin.
+pub fn bevys_app(size: UVec2, setup: impl FnOnce(&mut App)) -> Headless {
     Headless::with_format(
         size,
         TextureFormat::Rgba16Float,
         WgpuSettings::default(),
         |app| {
             let height = size.y as f32;
-            app.add_plugins((PssmPlugin, MeasurePlugin, NudgePlugin { height }));
+            app.add_plugins((MeasurePlugin, NudgePlugin { height }));
             setup(app);
         },
     )
@@ -222,6 +230,11 @@ impl Studio {
     pub fn apply(&mut self, setting: &Setting) {
         let sun = self.sun;
         self.ours = matches!(setting.technique, Technique::Pssm(_));
+        // Settings before this one have not left their parts in the shader.
+        if let Some(mut parts) = self.world().get_resource_mut::<ShaderParts>() {
+            let warps = parts.warps;
+            *parts = ShaderParts { warps, ..default() };
+        }
         match &setting.technique {
             Technique::Pssm(config) => {
                 let config = ParallelSplitShadows {
