@@ -30,9 +30,13 @@ use crate::{
 pub struct ShaderParts {
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
-    /// All of [`ShadowFilter`] but `Camera`, and what [`CascadeFit::Tight`](crate::CascadeFit)
+    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit::Tight`](crate::CascadeFit)
     /// needs, whose texels are not square.
-    pub filters: bool,
+    pub tents: bool,
+    /// [`ShadowFilter::Temporal`].
+    pub temporal: bool,
+    /// [`ShadowFilter::Soft`].
+    pub soft: bool,
     /// Maps in perspective, for systems of your own that put some into
     /// [`ShadowPlans`](crate::ShadowPlans): no setting asks for them.
     pub warps: bool,
@@ -44,17 +48,22 @@ impl ShaderParts {
     /// Everything that settings can ask for.
     pub const ALL: Self = Self {
         biases: true,
-        filters: true,
+        tents: true,
+        temporal: true,
+        soft: true,
         warps: false,
         overlays: true,
     };
 
     fn of_light(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
+        let filter = config.filter_for(light);
         Self {
             biases: config.bias != ShadowBias::Automatic
                 || config.depth == DepthDistribution::Linear,
-            filters: config.filter_for(light) != ShadowFilter::Camera
+            tents: matches!(filter, ShadowFilter::Tent(_) | ShadowFilter::Hardware2x2)
                 || !config.has_square_texels(),
+            temporal: matches!(filter, ShadowFilter::Temporal(_)),
+            soft: matches!(filter, ShadowFilter::Soft { .. }),
             ..Self::default()
         }
     }
@@ -62,17 +71,21 @@ impl ShaderParts {
     fn union(self, other: Self) -> Self {
         Self {
             biases: self.biases || other.biases,
-            filters: self.filters || other.filters,
+            tents: self.tents || other.tents,
+            temporal: self.temporal || other.temporal,
+            soft: self.soft || other.soft,
             warps: self.warps || other.warps,
             overlays: self.overlays || other.overlays,
         }
     }
 
     /// The switches of the shader library that leave all else out.
-    pub fn defs(self) -> [ShaderDefVal; 4] {
+    pub fn defs(self) -> [ShaderDefVal; 6] {
         [
             ("PSSM_BIASES", self.biases),
-            ("PSSM_FILTERS", self.filters),
+            ("PSSM_TENTS", self.tents),
+            ("PSSM_TEMPORAL", self.temporal),
+            ("PSSM_SOFT", self.soft),
             ("PSSM_WARPS", self.warps),
             ("PSSM_OVERLAYS", self.overlays),
         ]

@@ -98,12 +98,15 @@ fn every_flag_combination_compiles() {
     switches.sort_unstable();
     switches.dedup();
     let mut compiled = 0;
-    for set in 0..16 {
+    for set in 0..64 {
+        let has = |bit: u32| set & (1 << bit) != 0;
         let parts = ShaderParts {
-            biases: set & 1 != 0,
-            filters: set & 2 != 0,
-            warps: set & 4 != 0,
-            overlays: set & 8 != 0,
+            biases: has(0),
+            tents: has(1),
+            temporal: has(2),
+            soft: has(3),
+            warps: has(4),
+            overlays: has(5),
         };
         let mut shader = replacement.clone();
         shader.shader_defs = shader_defs(parts);
@@ -115,7 +118,12 @@ fn every_flag_combination_compiles() {
                 *value = set & 3 != 3;
             }
         }
-        let wide = parts.filters || parts.warps;
+        let wide = parts.tents || parts.warps;
+        // All platforms with nothing and with everything, one of them in between.
+        let platforms = match set {
+            0 | 63 => &platforms[..],
+            _ => &platforms[set % 5..][..1],
+        };
         cache.set_shader(module, shader);
         for filter in filters {
             for platform in platforms {
@@ -130,10 +138,14 @@ fn every_flag_combination_compiles() {
                 for (name, part) in [
                     ("fetch_split_shadow", true),
                     ("manual", parts.biases),
-                    ("disk_offset", parts.filters || filter == Some(TEMPORAL)),
+                    ("soft(lookup", parts.soft),
+                    (
+                        "temporal(lookup",
+                        parts.temporal || filter == Some(TEMPORAL),
+                    ),
                     (
                         "wide_tent",
-                        wide && (parts.filters || filter == Some(GAUSSIAN)),
+                        wide && (parts.tents || filter == Some(GAUSSIAN)),
                     ),
                     ("cascade_color", parts.overlays),
                 ] {
@@ -143,5 +155,5 @@ fn every_flag_combination_compiles() {
             }
         }
     }
-    assert_eq!(compiled, 320);
+    assert_eq!(compiled, (62 + 2 * 5) * 4);
 }
