@@ -35,6 +35,7 @@ use bevy::{
 };
 
 use super::{ExtractedShadows, extract::ExtractedCascade, options::LookupOptions};
+use crate::shaders::LeftToBevy;
 
 /// A view whose map lies in our target.
 #[derive(Component, Debug, Clone, Copy, PartialEq, Eq)]
@@ -188,6 +189,7 @@ pub(super) fn adopt_views(
     >,
     lights: Query<(&MainEntity, Option<&RenderLayers>), With<ExtractedDirectionalLight>>,
     adopted_cameras: Query<Entity, With<AdoptedLights>>,
+    left_to_bevy: Res<LeftToBevy>,
     mut warned: Local<bool>,
 ) {
     let order: Vec<Entity> = sorted_cameras
@@ -333,6 +335,9 @@ pub(super) fn adopt_views(
             .iter()
             .any(|(_, record)| slots_needed(record) > MAX_DIRECTIONAL_LIGHTS);
     if layers == 0 || too_many {
+        if too_many {
+            left_to_bevy.set();
+        }
         if too_many && !*warned {
             *warned = true;
             warn!(

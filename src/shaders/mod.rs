@@ -7,6 +7,7 @@
 
 mod parts;
 
+pub(crate) use parts::LeftToBevy;
 pub use parts::ShaderParts;
 
 use bevy::{
@@ -19,6 +20,7 @@ use bevy::{
         world::{FromWorld, World},
     },
     log::error,
+    render::RenderApp,
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
 
@@ -148,6 +150,11 @@ pub(crate) fn build(app: &mut App) {
     load_shader_library!(app, "filter.wesl");
     load_shader_library!(app, "overlay.wesl");
     load_shader_library!(app, "directional.wesl");
+    let left_to_bevy = LeftToBevy::default();
+    if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+        render_app.insert_resource(left_to_bevy.clone());
+    }
+    app.insert_resource(left_to_bevy);
     app.init_resource::<ShadowModule>().add_systems(
         PostUpdate,
         (parts::add_needed_parts, replace_shadow_module)

@@ -1,5 +1,7 @@
 //! Parts of the shader library that not every game needs.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use bevy::{
     ecs::{
         change_detection::DetectChangesMut,
@@ -8,6 +10,7 @@ use bevy::{
         system::{Query, Res, ResMut},
     },
     light::DirectionalLight,
+    platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
     shader::ShaderDefVal,
 };
@@ -28,6 +31,8 @@ use crate::{
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ShaderParts {
+    /// Bevy's own lookups, for directional lights that cast shadows without the plugin.
+    pub stock: bool,
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
     /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit::Tight`](crate::CascadeFit)
@@ -47,6 +52,7 @@ pub struct ShaderParts {
 impl ShaderParts {
     /// Everything that settings can ask for.
     pub const ALL: Self = Self {
+        stock: true,
         biases: true,
         tents: true,
         temporal: true,
@@ -70,6 +76,7 @@ impl ShaderParts {
 
     fn union(self, other: Self) -> Self {
         Self {
+            stock: self.stock || other.stock,
             biases: self.biases || other.biases,
             tents: self.tents || other.tents,
             temporal: self.temporal || other.temporal,
@@ -80,8 +87,9 @@ impl ShaderParts {
     }
 
     /// The switches of the shader library that leave all else out.
-    pub fn defs(self) -> [ShaderDefVal; 6] {
+    pub fn defs(self) -> [ShaderDefVal; 7] {
         [
+            ("PSSM_STOCK", self.stock),
             ("PSSM_BIASES", self.biases),
             ("PSSM_TENTS", self.tents),
             ("PSSM_TEMPORAL", self.temporal),
@@ -93,17 +101,30 @@ impl ShaderParts {
     }
 }
 
+/// Set by the render world once it has left maps of managed lights to Bevy: shared by both worlds.
+#[derive(Resource, Debug, Default, Clone)]
+pub(crate) struct LeftToBevy(Arc<AtomicBool>);
+
+impl LeftToBevy {
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Adds what this frame's lights need.
 pub(crate) fn add_needed_parts(
     mut parts: ResMut<ShaderParts>,
     overlay: Res<ShadowOverlay>,
-    lights: Query<(&ManagedLight, &DirectionalLight)>,
+    left_to_bevy: Res<LeftToBevy>,
+    lights: Query<(&DirectionalLight, Option<&ManagedLight>)>,
 ) {
     let mut needed = *parts;
     needed.overlays |= *overlay != ShadowOverlay::None;
-    for (managed, light) in &lights {
-        if let Some(config) = managed.config() {
-            needed = needed.union(ShaderParts::of_light(config, light));
+    needed.stock |= left_to_bevy.0.load(Ordering::Relaxed);
+    for (light, managed) in &lights {
+        match managed.and_then(ManagedLight::config) {
+            Some(config) => needed = needed.union(ShaderParts::of_light(config, light)),
+            None => needed.stock |= light.shadow_maps_enabled,
         }
     }
     parts.set_if_neq(needed);

@@ -98,7 +98,7 @@ fn every_flag_combination_compiles() {
     switches.sort_unstable();
     switches.dedup();
     let mut compiled = 0;
-    for set in 0..64 {
+    for set in 0..128 {
         let has = |bit: u32| set & (1 << bit) != 0;
         let parts = ShaderParts {
             biases: has(0),
@@ -107,6 +107,7 @@ fn every_flag_combination_compiles() {
             soft: has(3),
             warps: has(4),
             overlays: has(5),
+            stock: has(6),
         };
         let mut shader = replacement.clone();
         shader.shader_defs = shader_defs(parts);
@@ -121,7 +122,7 @@ fn every_flag_combination_compiles() {
         let wide = parts.tents || parts.warps;
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
-            0 | 63 => &platforms[..],
+            0 | 127 => &platforms[..],
             _ => &platforms[set % 5..][..1],
         };
         cache.set_shader(module, shader);
@@ -137,6 +138,7 @@ fn every_flag_combination_compiles() {
                     .unwrap_or_else(|error| panic!("{parts:?}, {defs:?}: {error}"));
                 for (name, part) in [
                     ("fetch_split_shadow", true),
+                    ("stock_fetch_directional_shadow", parts.stock),
                     ("manual", parts.biases),
                     ("soft(lookup", parts.soft),
                     (
@@ -155,5 +157,5 @@ fn every_flag_combination_compiles() {
             }
         }
     }
-    assert_eq!(compiled, (62 + 2 * 5) * 4);
+    assert_eq!(compiled, (126 + 2 * 5) * 4);
 }
