@@ -8,9 +8,9 @@ use bevy::{
     math::{DAffine3, DMat3, DVec3},
 };
 use bevy_pssm::{
-    CascadeFit, ParallelSplitShadows,
-    geometry::{light_frame::LightFrame, slice::ViewVolume},
-    plan::plan_cascades,
+    CascadeFit, MapWarp, ParallelSplitShadows,
+    geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
+    plan::{PlanHistory, PlanInputs, plan_cascades},
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 
@@ -25,17 +25,40 @@ fn planning(criterion: &mut Criterion) {
     .expect("a sound camera");
     let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");
     let reach = ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
-    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
+    let mut receivers = Receivers::new(&view);
+    receivers.add(
+        DVec3::new(500.0, 0.0, -800.0),
+        &DMat3::from_diagonal(DVec3::new(800.0, 12.0, 800.0)),
+    );
+    let plan = |config: &ParallelSplitShadows, history: &mut PlanHistory| {
+        let inputs = PlanInputs {
+            view: black_box(&view),
+            light: &light,
+            config,
+            reach,
+            receivers: &receivers,
+        };
+        plan_cascades(&inputs, history)
+    };
+    for (name, fit) in [
+        ("stable", CascadeFit::Stable),
+        ("tight", CascadeFit::Tight),
+        ("warped", CascadeFit::Warped(MapWarp::Minimax)),
+    ] {
         let config = ParallelSplitShadows {
             fit,
             ..Default::default()
         };
-        criterion.bench_function(&format!("plan 4 cascades, {fit:?}"), |bencher| {
-            bencher.iter(|| plan_cascades(black_box(&view), &light, &config, reach));
+        let mut history = PlanHistory::default();
+        criterion.bench_function(&format!("plan 4 cascades, {name}"), |bencher| {
+            bencher.iter(|| plan(&config, &mut history));
         });
     }
 
-    let plan = plan_cascades(&view, &light, &ParallelSplitShadows::default(), reach);
+    let plan = plan(
+        &ParallelSplitShadows::default(),
+        &mut PlanHistory::default(),
+    );
     let boxes: Vec<(DVec3, DMat3)> = (0..CASTERS)
         .map(|i| {
             let (row, column) = (i / 100, i % 100);

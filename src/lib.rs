@@ -48,8 +48,8 @@ pub mod systems;
 
 pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, ConfigError, DepthDistribution,
-    FilterRadius, MapSize, ParallelSplitShadows, ShadowBias, ShadowFilter, ShadowPreset,
-    ShadowPresetError, SplitScheme,
+    FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, ShadowBias, ShadowFilter,
+    ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
 };
 pub use debug::ShadowOverlay;
 pub use render::PssmRenderSystems;
@@ -66,8 +66,8 @@ pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
         CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution, FilterRadius,
-        MapSize, ParallelSplitShadows, PssmPlugin, ShaderParts, ShadowBias, ShadowFilter,
-        ShadowOverlay, ShadowPreset, SplitScheme,
+        MapFit, MapSize, MapWarp, ParallelSplitShadows, PssmPlugin, ShaderParts, ShadowBias,
+        ShadowFilter, ShadowFocus, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
     };
 }
 

@@ -144,9 +144,10 @@ fn press_keys(
             shadows.enabled = show.ours;
         }
         if fit {
-            shadows.fit = match shadows.fit {
+            shadows.fit = match &shadows.fit {
                 CascadeFit::Stable => CascadeFit::Tight,
-                CascadeFit::Tight => CascadeFit::Stable,
+                CascadeFit::Tight => CascadeFit::Warped(MapWarp::Minimax),
+                _ => CascadeFit::Stable,
             };
         }
     }
@@ -220,7 +221,7 @@ fn write_help(
     let fit = suns
         .iter()
         .next()
-        .map_or(CascadeFit::Stable, |shadows| shadows.fit);
+        .map_or(CascadeFit::Stable, |shadows| shadows.fit.clone());
     let text = format!(
         "1-4  scene: {}\n\
          P  shadows: {shadows}\n\

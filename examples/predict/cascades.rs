@@ -91,7 +91,7 @@ impl Setup {
                 let map = maps[index].as_ref();
                 let worst = slice.and_then(|slice| {
                     let map = map?;
-                    Aliasing::over_slice(&map.clip_from_world, map.axes, slice)
+                    Aliasing::over(&map.clip_from_world, map.axes, &slice_vertices(slice))
                 });
                 let pixels =
                     worst.map(|w| w.pixels_per_texel(f64::from(self.map_size), self.image_height));
@@ -122,7 +122,7 @@ impl Setup {
                 let body = slice_vertices(slice);
                 let strength = match warp {
                     Warp::None => 0.0,
-                    Warp::Lispsm => frame.lispsm_strength(&self.view, near, far),
+                    Warp::Lispsm => frame.lispsm_strength(near, far),
                     Warp::Minimax => frame.minimax_strength(&body),
                 };
                 Some(Map {

@@ -9,7 +9,7 @@ use bevy::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{CascadeFit, ConfigError, ParallelSplitShadows};
+use super::{ConfigError, MapFit, ParallelSplitShadows};
 use crate::geometry::{bias::MOST_OFFSET_TEXELS, fit::LookupReach};
 
 /// The largest filter radius that stays affordable (texels): it reads 256 of them.
@@ -243,7 +243,7 @@ impl ParallelSplitShadows {
 
     /// Whether the fit lays maps of square texels.
     pub(crate) fn has_square_texels(&self) -> bool {
-        self.fit == CascadeFit::Stable
+        !self.fit.any(|fit| fit != MapFit::Stable)
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod error;
 mod filter;
+mod fit;
 mod preset;
 
 pub use error::ConfigError;
@@ -9,6 +10,7 @@ pub use filter::{
     CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, MAX_FILTER_TEXELS, ShadowBias,
     ShadowFilter,
 };
+pub use fit::{CascadeFit, MapFit, MapWarp, ShadowFocus, WarpAxis};
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 
 pub(crate) use filter::{GAUSSIAN_TEXELS, TEMPORAL_TEXELS, depth_multiplier, normal_multiplier};
@@ -92,6 +94,17 @@ pub struct ParallelSplitShadows {
     /// slow pan or turn no pixel changes, while [`CascadeFit::Tight`], with 24 to 36 % fewer wrong
     /// pixels, has 0.05 to 0.2 % of all pixels change with every third of a pixel.
     pub fit: CascadeFit,
+    /// What fitted maps are laid over: of a slice, the part in which something can receive a
+    /// shadow, or all of it. Default [`ShadowFocus::Receivers`].
+    pub focus: ShadowFocus,
+    /// How much larger than needed fitted maps, the boxes that they are fitted to and the range of
+    /// depths that is split may be, so as not to change with every frame (share, 0 to 1). 0 is
+    /// sharpest and crawls whenever anything moves; [`CascadeFit::Stable`] needs none.
+    /// Default 0.1.
+    #[reflect(@0.0..=1.0_f64)]
+    pub slack: f64,
+    /// Along what maps are warped. Default [`WarpAxis::View`].
+    pub warp_axis: WarpAxis,
     /// Texels per side of each cascade's map. Default `Same(2048)`: 16 MiB and one clear each,
     /// for every camera. 1024 leaves 1.6 to 2.3 times as many wrong pixels, 4096 0.4 to 0.6
     /// times, for a quarter and four times the memory.
@@ -131,6 +144,9 @@ impl Default for ParallelSplitShadows {
             blend: 0.1,
             fade: 0.2,
             fit: CascadeFit::default(),
+            focus: ShadowFocus::default(),
+            slack: 0.1,
+            warp_axis: WarpAxis::default(),
             map_size: MapSize::default(),
             culling: CasterCulling::default(),
             bias: ShadowBias::default(),
@@ -186,19 +202,6 @@ impl Default for SplitScheme {
     fn default() -> Self {
         Self::Practical { lambda: 0.9 }
     }
-}
-
-/// How a map is laid over its slice.
-#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
-#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum CascadeFit {
-    /// Constant size, fixed orientation, moved in whole texels: edges of resting shadows never
-    /// crawl, however the camera moves or turns.
-    #[default]
-    Stable,
-    /// The smallest box around the slice: up to three times the texels per area, but edges
-    /// crawl while the camera moves. For fixed cameras and still pictures.
-    Tight,
 }
 
 /// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
@@ -271,6 +274,8 @@ impl ParallelSplitShadows {
         self.splits.validate(self)?;
         ConfigError::check_range("blend", self.blend, 0.0..=0.5)?;
         ConfigError::check_range("fade", self.fade, 0.0..=1.0)?;
+        self.fit.validate(self.cascades)?;
+        ConfigError::check_range("slack", self.slack, 0.0..=1.0)?;
         self.map_size.validate(self.cascades, max_map_size)?;
         self.bias.validate()?;
         self.filter.validate()

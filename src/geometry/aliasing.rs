@@ -6,7 +6,7 @@
 
 use glam::{DMat4, DVec2, DVec3};
 
-use super::slice::Slice;
+use super::warp::BodyVertex;
 
 /// Aliasing along a map's two axes for maps and images of *one* texel and pixel: a map of
 /// `res_s × res_t` texels, seen in an image of `res` pixels a side, has `x · res / res_s` and
@@ -47,12 +47,12 @@ impl Aliasing {
         sound.then_some(Self { x, z })
     }
 
-    /// The worst aliasing of a map over a slice of the view volume, for an image one pixel high;
-    /// arguments as in [`Aliasing::at`]. `None` if the map has no image of a corner.
-    pub fn over_slice(clip_from_world: &DMat4, axes: [DVec3; 2], slice: &Slice) -> Option<Self> {
-        let all = slice.corners.iter().enumerate().map(|(index, corner)| {
-            Self::at(clip_from_world, axes, *corner, slice.image_height(index))
-        });
+    /// The worst aliasing of a map over a convex body, for an image one pixel high; arguments as in
+    /// [`Aliasing::at`]. `None` if the map has no image of a vertex.
+    pub fn over(clip_from_world: &DMat4, axes: [DVec3; 2], body: &[BodyVertex]) -> Option<Self> {
+        let all = body
+            .iter()
+            .map(|vertex| Self::at(clip_from_world, axes, vertex.position, vertex.image_height));
         all.reduce(|a, b| Some(a?.max(b?))).flatten()
     }
 

@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec2, DVec3, DVec4};
 
-use super::{light_frame::LightFrame, slice::Slice};
+use super::{light_frame::LightFrame, slice::Slice, steady::Slack};
 
 /// An orthographic map: a box in the light's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,29 +43,49 @@ pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupRea
     }
 }
 
-/// The smallest box around the slice in the light's frame. Sharper than [`stable`] by a factor
-/// of one to three in texel area, but its texels move and change size with the camera.
-pub fn tight(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupReach) -> MapBox {
+/// The smallest box around points in the light's frame, grown by some slack: as long as that
+/// lasts, the map moves in whole texels and does not change its size. `held` is the extent (metres)
+/// held so far, if any, and takes the new one.
+pub fn tight(
+    points: &[DVec3],
+    light: &LightFrame,
+    map_size: u32,
+    reach: LookupReach,
+    slack: Slack,
+    held: &mut Option<DVec2>,
+) -> MapBox {
     let size = f64::from(map_size);
-    let (lo, hi) = slice.corners.iter().fold(
-        (DVec3::INFINITY, DVec3::NEG_INFINITY),
-        |(lo, hi), corner| {
-            let p = light.light_from_world(*corner);
+    let (lo, hi) = points
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), point| {
+            let p = light.light_from_world(*point);
             (lo.min(p), hi.max(p))
-        },
-    );
+        });
     let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
-    let half = 0.5 * extent.truncate() * size / usable(size, 2.0 * reach.texels);
+    let steady = DVec2::new(
+        slack.length(extent.x, held.map(|held| held.x)),
+        slack.length(extent.y, held.map(|held| held.y)),
+    );
+    *held = Some(steady);
+    let snaps = slack.0 > 0.0;
+    let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
+    let half = 0.5 * steady * size / usable(size, guard);
     let texel = 2.0 * half / size;
+    let centre = (lo + hi) * 0.5;
+    let across = if snaps {
+        (centre.truncate() / texel + 0.5).floor() * texel
+    } else {
+        centre.truncate()
+    };
     MapBox {
-        centre: (lo + hi) * 0.5,
+        centre: across.extend(centre.z),
         half: half.extend(0.5 * extent.z + reach.texels * texel.max_element()),
         texel,
     }
 }
 
 /// Texels left for the slice once the guard is taken off; at least half the map.
-fn usable(size: f64, guard: f64) -> f64 {
+pub(super) fn usable(size: f64, guard: f64) -> f64 {
     (size - guard).max(0.5 * size)
 }
 
@@ -80,18 +100,8 @@ impl MapBox {
         DMat4::from_cols(x, y, z, DVec4::W).transpose()
     }
 
-    /// The matrix from the light's frame, moved to the box's near (light-side) face, to clip
-    /// space.
-    pub fn clip_from_cascade(&self) -> DMat4 {
-        DMat4::from_cols(
-            DVec4::X / self.half.x,
-            DVec4::Y / self.half.y,
-            DVec4::Z / (2.0 * self.half.z),
-            DVec4::new(0.0, 0.0, 1.0, 1.0),
-        )
-    }
-
-    /// The matrix from that frame to world space; its origin lies on the near face.
+    /// The matrix to world space from the light's frame with its origin on the near (light-side)
+    /// face.
     pub fn world_from_cascade(&self, light: &LightFrame) -> DMat4 {
         let rotation = light.world_from_light();
         let origin = rotation * (self.centre + DVec3::Z * self.half.z);

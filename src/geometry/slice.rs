@@ -59,6 +59,22 @@ impl ViewVolume {
         (near < far).then(|| Slice::new(self, near, far))
     }
 
+    /// The vector whose product with a point, from the eye, is the point's depth.
+    pub fn per_depth(&self) -> DVec3 {
+        -self.axes.inverse().row(2)
+    }
+
+    /// Depth of a point in world space (metres before the eye).
+    pub fn depth_of(&self, point: DVec3) -> f64 {
+        self.per_depth().dot(point - self.eye)
+    }
+
+    /// Height of the image at a depth (metres).
+    pub fn image_height(&self, depth: f64) -> f64 {
+        let height = self.max[0].y - self.min[0].y + depth * (self.max[1].y - self.min[1].y);
+        height * self.axes.y_axis.length()
+    }
+
     fn corners_at(&self, depth: f64) -> [DVec3; 4] {
         let (lo, hi) = (
             self.min[0] + depth * self.min[1],

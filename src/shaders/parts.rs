@@ -16,7 +16,7 @@ use bevy::{
 };
 
 use crate::{
-    config::{DepthDistribution, ParallelSplitShadows, ShadowBias, ShadowFilter},
+    config::{DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter},
     debug::ShadowOverlay,
     systems::ManagedLight,
 };
@@ -35,15 +35,15 @@ pub struct ShaderParts {
     pub stock: bool,
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
-    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit::Tight`](crate::CascadeFit)
-    /// needs, whose texels are not square.
+    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit`](crate::CascadeFit)s other
+    /// than `Stable` need, whose texels are not square.
     pub tents: bool,
     /// [`ShadowFilter::Temporal`].
     pub temporal: bool,
     /// [`ShadowFilter::Soft`].
     pub soft: bool,
-    /// Maps in perspective, for systems of your own that put some into
-    /// [`ShadowPlans`](crate::ShadowPlans): no setting asks for them.
+    /// [`CascadeFit::Warped`](crate::CascadeFit), and maps in perspective that a system of your own puts
+    /// into [`ShadowPlans`](crate::ShadowPlans).
     pub warps: bool,
     /// [`ShadowOverlay`].
     pub overlays: bool,
@@ -57,7 +57,7 @@ impl ShaderParts {
         tents: true,
         temporal: true,
         soft: true,
-        warps: false,
+        warps: true,
         overlays: true,
     };
 
@@ -70,6 +70,7 @@ impl ShaderParts {
                 || !config.has_square_texels(),
             temporal: matches!(filter, ShadowFilter::Temporal(_)),
             soft: matches!(filter, ShadowFilter::Soft { .. }),
+            warps: config.fit.any(|fit| matches!(fit, MapFit::Warped(_))),
             ..Self::default()
         }
     }

@@ -205,7 +205,7 @@ fn cascade_mask(plan: &[CascadePlan], bounds: Option<&(DVec3, DMat3)>) -> u8 {
 }
 
 /// The centre and half-axes of a local box, in world space.
-fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> (DVec3, DMat3) {
+pub(super) fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> (DVec3, DMat3) {
     let matrix = &world_from_local.matrix3;
     let axes = DMat3::from_cols(
         matrix.x_axis.as_dvec3(),

@@ -44,6 +44,9 @@ pub(crate) fn build(app: &mut App) {
                 .after(PssmSystems::ManageLights)
                 .after(TransformSystems::Propagate)
                 .after(SimulationLightSystems::UpdateDirectionalLightCascades)
+                // For what cameras see.
+                .after(VisibilitySystems::CalculateBounds)
+                .after(VisibilitySystems::CheckVisibility)
                 .before(SimulationLightSystems::UpdateLightFrusta),
             PssmSystems::CullCasters
                 .after(PssmSystems::PlanCascades)

@@ -1,23 +1,35 @@
-//! Runs [`plan_cascades`](crate::plan::plan_cascades) for every managed light and 3D camera.
+//! Runs [`plan_cascades`](crate::plan::plan_cascades) for every managed light and 3D camera, over what
+//! the camera sees.
+
+use core::any::TypeId;
 
 use bevy::{
-    camera::{Camera, Camera3d, Projection, primitives::CascadesFrusta},
+    camera::{
+        Camera, Camera3d, Projection,
+        primitives::{Aabb, CascadesFrusta},
+        visibility::{InheritedVisibility, NoCpuCulling, NoFrustumCulling, VisibleEntities},
+    },
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap},
-        query::With,
+        query::{Has, With, Without},
         system::{Local, Query},
     },
-    light::{Cascades, DirectionalLight, cascade::Cascade},
+    light::{
+        Cascades, DirectionalLight, NotShadowReceiver, VolumetricFog, VolumetricLight,
+        cascade::Cascade,
+    },
     log::warn,
     math::{DAffine3, DMat3, Mat4, Vec3},
+    mesh::Mesh3d,
     transform::components::GlobalTransform,
 };
 
-use super::ManagedLight;
+use super::{ManagedLight, cull::world_bounds};
 use crate::{
-    geometry::{light_frame::LightFrame, slice::ViewVolume},
-    plan::{CascadePlan, plan_cascades},
+    config::ShadowFocus,
+    geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
+    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
 };
 
 /// The plans of a managed light, one list of cascades for each active 3D camera.
@@ -25,38 +37,79 @@ use crate::{
 pub struct ShadowPlans {
     /// By camera.
     pub views: EntityHashMap<Vec<CascadePlan>>,
+    history: EntityHashMap<PlanHistory>,
 }
+
+type View<'a> = (
+    Entity,
+    &'a GlobalTransform,
+    &'a Projection,
+    &'a Camera,
+    &'a VisibleEntities,
+    Has<VolumetricFog>,
+);
+
+type Mesh<'a> = (
+    Option<&'a Aabb>,
+    &'a GlobalTransform,
+    &'a InheritedVisibility,
+    Has<NoFrustumCulling>,
+);
+
+type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
 /// [`PssmSystems::PlanCascades`](super::PssmSystems::PlanCascades).
 pub fn plan_shadows(
-    cameras: Query<(Entity, &GlobalTransform, &Projection, &Camera), With<Camera3d>>,
+    cameras: Query<View, With<Camera3d>>,
+    meshes: Query<Mesh, IsReceiver>,
+    unculled: Query<Entity, (With<NoCpuCulling>, IsReceiver)>,
     mut lights: Query<(
         Entity,
         &GlobalTransform,
         &DirectionalLight,
         &ManagedLight,
+        Has<VolumetricLight>,
         &mut ShadowPlans,
         &mut Cascades,
         &mut CascadesFrusta,
     )>,
     mut warned: Local<bool>,
 ) {
+    let is_focused = |managed: &ManagedLight| {
+        let config = managed.config();
+        config.is_some_and(|config| config.focus == ShadowFocus::Receivers)
+    };
     if lights.is_empty() {
         return;
     }
+    let gathers = lights
+        .iter()
+        .any(|(.., managed, _, _, _, _)| is_focused(managed));
     let views: Vec<_> = cameras
         .iter()
-        .filter(|(.., camera)| camera.is_active)
-        .map(|(entity, transform, projection, camera)| {
-            (entity, view_volume(transform, projection, camera))
-        })
+        .filter(|(_, _, _, camera, ..)| camera.is_active)
+        .map(
+            |(entity, transform, projection, camera, visible, has_fog)| {
+                let seen = view_volume(transform, projection, camera).map(|volume| {
+                    let receivers = if gathers {
+                        let visible = visible.get(TypeId::of::<Mesh3d>()).iter().copied();
+                        receivers(&volume, &meshes, visible.chain(&unculled))
+                    } else {
+                        Receivers::everywhere(&volume)
+                    };
+                    (volume, receivers, has_fog)
+                });
+                (entity, seen)
+            },
+        )
         .collect();
 
-    for (light, transform, directional, managed, mut plans, mut cascades, mut frusta) in &mut lights
+    for (light, transform, directional, managed, in_fog, mut plans, mut cascades, mut frusta) in
+        &mut lights
     {
         let Some(config) = managed.config() else {
-            plans.views.clear();
+            *plans = ShadowPlans::default();
             continue;
         };
         // With nothing to cull for, Bevy does not.
@@ -64,17 +117,36 @@ pub fn plan_shadows(
         frusta.frusta.clear();
 
         let frame = LightFrame::new(transform.rotation().as_dquat() * glam::DVec3::Z);
-        let reach = config.lookup_reach(directional);
         let mut degenerate = frame.is_none();
-        plans.views.clear();
-        plans.views.extend(views.iter().map(|(view, volume)| {
-            degenerate |= volume.is_none();
-            let planned = match (volume, &frame) {
-                (Some(volume), Some(frame)) => plan_cascades(volume, frame, config, reach),
+        let ShadowPlans {
+            views: planned,
+            history,
+        } = &mut *plans;
+        planned.clear();
+        history.retain(|view, _| views.iter().any(|(active, _)| active == view));
+        for (view, seen) in &views {
+            degenerate |= seen.is_none();
+            let plan = match (seen, &frame) {
+                (Some((volume, receivers, has_fog)), Some(frame)) => {
+                    let everywhere = Receivers::everywhere(volume);
+                    let inputs = PlanInputs {
+                        view: volume,
+                        light: frame,
+                        config,
+                        reach: config.lookup_reach(directional),
+                        // Fog is lit through the air.
+                        receivers: if in_fog && *has_fog {
+                            &everywhere
+                        } else {
+                            receivers
+                        },
+                    };
+                    plan_cascades(&inputs, history.entry(*view).or_default())
+                }
                 _ => Vec::new(),
             };
-            (*view, planned)
-        }));
+            planned.insert(*view, plan);
+        }
         if degenerate && !*warned {
             *warned = true;
             warn!(
@@ -82,6 +154,26 @@ pub fn plan_shadows(
             );
         }
     }
+}
+
+/// The boxes of what a camera sees.
+fn receivers(
+    view: &ViewVolume,
+    meshes: &Query<Mesh, IsReceiver>,
+    visible: impl Iterator<Item = Entity>,
+) -> Receivers {
+    let mut receivers = Receivers::new(view);
+    for (aabb, transform, inherited, is_unbounded) in meshes.iter_many(visible).flatten() {
+        match aabb {
+            _ if !inherited.get() => {}
+            Some(aabb) if !is_unbounded => {
+                let (centre, half_axes) = world_bounds(aabb, &transform.affine());
+                receivers.add(centre, &half_axes);
+            }
+            _ => receivers.add_everywhere(),
+        }
+    }
+    receivers
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.

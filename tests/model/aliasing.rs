@@ -60,7 +60,7 @@ fn unwarped(planes: &[f64], tan: f64, light: DVec3) -> f64 {
 
 fn lispsm(planes: &[f64], tan: f64, light: DVec3) -> f64 {
     of_slices(planes, tan, light, |frame, _, near, far| {
-        frame.lispsm_strength(&view(tan), near, far)
+        frame.lispsm_strength(near, far)
     })
 }
 

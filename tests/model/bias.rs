@@ -34,7 +34,7 @@ fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
     }
     let frame = WarpFrame::of_view(&view, light.z).expect("a frame");
     let body = slice_vertices(&slice);
-    let strength = warp * frame.lispsm_strength(&view, 2.0, 40.0);
+    let strength = warp * frame.lispsm_strength(2.0, 40.0);
     frame.clip_from_world(&body, strength)
 }
 

@@ -1,7 +1,7 @@
 //! The caster hull: never loses what can throw a shadow into the slice.
 
 use bevy::math::{DMat3, DVec3, Quat, Vec3};
-use bevy_pssm::geometry::{hull::CasterHull, slice::Slice};
+use bevy_pssm::geometry::{body::ConvexBody, hull::CasterHull, slice::Slice};
 use proptest::prelude::*;
 
 use crate::views::{any_direction, any_turn, perspective, volume};
@@ -38,7 +38,7 @@ proptest! {
         hit in prop::array::uniform3(-1.0..1.0_f64),
     ) {
         let slice = slice(turn, near, near + length);
-        let hull = CasterHull::new(&slice, to_light, 0.0);
+        let hull = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
         let axes = DMat3::from_quat(spin.as_dquat().normalize()) * DMat3::from_diagonal(half.into());
         let on_ray = inside(&slice, weights) + to_light * way;
         let centre = on_ray - axes * DVec3::from(hit);
@@ -52,7 +52,7 @@ proptest! {
         radius in 0.1..20.0_f64,
     ) {
         let slice = slice(turn, 1.0, 100.0);
-        let hull = CasterHull::new(&slice, to_light, 0.0);
+        let hull = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
         let axes = DMat3::from_diagonal(DVec3::splat(radius));
         let beyond = slice.centre - to_light * (slice.radius + 10.0 * radius);
         prop_assert!(!hull.intersects_box(beyond, &axes));
@@ -64,8 +64,8 @@ proptest! {
     #[test]
     fn the_margin_moves_every_plane_out(turn in any_turn(), to_light in any_direction(), margin in 0.0..9.0_f64) {
         let slice = slice(turn, 1.0, 50.0);
-        let plain = CasterHull::new(&slice, to_light, 0.0);
-        let wide = CasterHull::new(&slice, to_light, margin);
+        let plain = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
+        let wide = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, margin);
         prop_assert_eq!(plain.planes.len(), wide.planes.len());
         for (a, b) in plain.planes.iter().zip(&wide.planes) {
             prop_assert!((b.distance - a.distance - margin).abs() < 1e-9);
@@ -75,7 +75,11 @@ proptest! {
 
 #[test]
 fn boxes_that_are_not_numbers_are_kept() {
-    let hull = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), DVec3::Y, 0.0);
+    let hull = CasterHull::new(
+        &ConvexBody::of_slice(&slice(Quat::IDENTITY, 1.0, 9.0)),
+        DVec3::Y,
+        0.0,
+    );
     assert!(hull.intersects_box(DVec3::NAN, &DMat3::IDENTITY));
 }
 
@@ -87,9 +91,13 @@ fn a_hull_has_few_planes() {
         DVec3::X,
         DVec3::new(0.3, 0.8, 0.5).normalize(),
     ] {
-        let planes = CasterHull::new(&slice(Quat::IDENTITY, 1.0, 9.0), to_light, 0.0)
-            .planes
-            .len();
+        let planes = CasterHull::new(
+            &ConvexBody::of_slice(&slice(Quat::IDENTITY, 1.0, 9.0)),
+            to_light,
+            0.0,
+        )
+        .planes
+        .len();
         assert!((4..=12).contains(&planes), "{planes}");
     }
 }

@@ -4,7 +4,7 @@ use bevy::{
     app::PostUpdate,
     camera::{
         primitives::{Aabb, CascadesFrusta},
-        visibility::CascadesVisibleEntities,
+        visibility::{CascadesVisibleEntities, NoFrustumCulling},
     },
     ecs::{entity_disabling::Disabled, prelude::*},
     light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
@@ -73,7 +73,10 @@ fn count_found_by_bevy(
         .sum::<usize>();
 }
 
+/// A camera, and something before it that receives shadows wherever it looks.
 fn camera(app: &mut App) -> Entity {
+    app.world_mut()
+        .spawn((Mesh3d::default(), NoFrustumCulling, NotShadowCaster));
     app.world_mut()
         .spawn((Camera3d::default(), Transform::from_xyz(0.0, 2.0, 0.0)))
         .id()

@@ -5,6 +5,7 @@ mod warnings;
 
 mod aliasing;
 mod bias;
+mod body;
 mod culling;
 mod lights;
 mod predict;

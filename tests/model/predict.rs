@@ -14,8 +14,8 @@ mod report;
 use bevy::light::DirectionalLight;
 use bevy_pssm::{
     MapSize, ParallelSplitShadows,
-    geometry::{aliasing::closed_form, light_frame::LightFrame},
-    plan::plan_cascades,
+    geometry::{aliasing::closed_form, light_frame::LightFrame, receivers::Receivers},
+    plan::{PlanHistory, PlanInputs, plan_cascades},
 };
 use clap::Parser;
 use proptest::prelude::*;
@@ -71,7 +71,14 @@ fn stable_predictions_equal_the_plans() {
     };
     let reach = config.lookup_reach(&DirectionalLight::default());
     let light = LightFrame::new(setup.to_light).unwrap();
-    let plans = plan_cascades(&setup.view, &light, &config, reach);
+    let inputs = PlanInputs {
+        view: &setup.view,
+        light: &light,
+        config: &config,
+        reach,
+        receivers: &Receivers::everywhere(&setup.view),
+    };
+    let plans = plan_cascades(&inputs, &mut PlanHistory::default());
     for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {
         let planned = plan.texels_per_pixel(setup.image_height).unwrap();
         let axes = [predicted.texels_per_pixel_x, predicted.texels_per_pixel_y];

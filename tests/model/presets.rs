@@ -28,6 +28,7 @@ fn every_field_and_variant_is_read() {
             blend: 0.2, fade: 0.0, fit: Tight, map_size: List([1000, 777, 64]), culling: Off,
             bias: SlopeScaled(factor: 2.0, metres: 0.01), filter: Tent(Metres(0.3)),
             transition: Dither, caster_faces: Back, depth: Linear,
+            focus: Off, slack: 0.25, warp_axis: Middle,
         )",
     );
     let expected = ParallelSplitShadows {
@@ -39,6 +40,9 @@ fn every_field_and_variant_is_read() {
         blend: 0.2,
         fade: 0.0,
         fit: CascadeFit::Tight,
+        focus: ShadowFocus::Off,
+        slack: 0.25,
+        warp_axis: WarpAxis::Middle,
         map_size: MapSize::List(vec![1000, 777, 64]),
         culling: CasterCulling::Off,
         bias: ShadowBias::SlopeScaled {
@@ -59,6 +63,17 @@ fn every_field_and_variant_is_read() {
         "GeometricScaled(gamma: 2.5, bias: 10.0)",
     ] {
         parse(&format!("(splits: {scheme})")).unwrap();
+    }
+    for fit in [
+        "Stable",
+        "Warped(Minimax)",
+        "Warped(Lispsm)",
+        "Warped(Lloyd(eta: -0.5))",
+        "Warped(Trapezoid(focus: 0.3))",
+        "Warped(Strength(0.5))",
+        "List([Stable, Tight, Warped(Minimax), Warped(Strength(1.0))])",
+    ] {
+        parse(&format!("(fit: {fit})")).unwrap();
     }
     for bias in [
         "Automatic",
@@ -117,7 +132,7 @@ fn the_balanced_preset_spells_the_defaults_out() {
 }
 
 /// Text, the line the message must name, and what else it must say.
-const BAD: [(&str, usize, &[&str]); 35] = [
+const BAD: [(&str, usize, &[&str]); 41] = [
     ("", 1, &[]),
     ("(", 1, &["Unexpected end"]),
     ("(cascades: 4,\n far: ", 2, &["Expected float"]),
@@ -206,6 +221,32 @@ const BAD: [(&str, usize, &[&str]); 35] = [
         &["`Manual` plane 2 is 600", "below 500"],
     ),
     ("(blend: 0.75)", 1, &["`blend` is 0.75", "from 0 to 0.5"]),
+    (
+        "(fit: Warped(Lloyd(eta: 1.5)))",
+        1,
+        &["`eta` is 1.5", "from -1 to 1"],
+    ),
+    (
+        "(fit: Warped(Trapezoid(focus: 0.0)))",
+        1,
+        &["`focus` is 0", "above 0"],
+    ),
+    (
+        "(fit: Warped(Trapezoid(focus: 0.9)))",
+        1,
+        &["`focus` is 0.9", "to 0.8"],
+    ),
+    (
+        "(fit: Warped(Strength(1.5)))",
+        1,
+        &["`Strength` is 1.5", "from 0 to 1"],
+    ),
+    (
+        "(fit: List([Stable, Tight]))",
+        1,
+        &["`fit` lists 2 values", "must list 4"],
+    ),
+    ("(slack: 1.5)", 1, &["`slack` is 1.5", "from 0 to 1"]),
     (
         "(map_size: Same(0))",
         1,

@@ -2,9 +2,11 @@
 
 use bevy::math::{DVec3, Quat, Vec3};
 use bevy_pssm::{
-    CascadeFit, MapSize, ParallelSplitShadows, SplitScheme,
-    geometry::{fit::LookupReach, light_frame::LightFrame},
-    plan::{CascadePlan, plan_cascades},
+    CascadeFit, MapSize, MapWarp, ParallelSplitShadows, SplitScheme,
+    geometry::{
+        fit::LookupReach, light_frame::LightFrame, receivers::Receivers, slice::ViewVolume,
+    },
+    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
 };
 use proptest::prelude::*;
 
@@ -21,13 +23,24 @@ fn config(map_size: u32) -> ParallelSplitShadows {
 }
 
 fn plan(config: &ParallelSplitShadows, eye: Vec3, turn: Quat, to_light: DVec3) -> Vec<CascadePlan> {
-    let light = LightFrame::new(to_light).expect("a direction");
-    plan_cascades(
-        &volume(&perspective(1.05, 1.333), eye, turn),
-        &light,
+    let view = volume(&perspective(1.05, 1.333), eye, turn);
+    plan_for(config, &view, to_light, REACH)
+}
+
+fn plan_for(
+    config: &ParallelSplitShadows,
+    view: &ViewVolume,
+    to_light: DVec3,
+    reach: LookupReach,
+) -> Vec<CascadePlan> {
+    let inputs = PlanInputs {
+        view,
+        light: &LightFrame::new(to_light).expect("a direction"),
         config,
-        REACH,
-    )
+        reach,
+        receivers: &Receivers::everywhere(view),
+    };
+    plan_cascades(&inputs, &mut PlanHistory::default())
 }
 
 /// A pseudo-random walk: small moves and turns, the same in every run.
@@ -186,11 +199,14 @@ fn endless_biases_give_no_map_rather_than_infinite_ones() {
     let reach = LookupReach {
         texels: f64::INFINITY,
     };
-    let light = LightFrame::new(DVec3::Y).expect("a direction");
     let view = volume(&perspective(1.0, 1.0), Vec3::ZERO, Quat::IDENTITY);
-    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
+    for fit in [
+        CascadeFit::Stable,
+        CascadeFit::Tight,
+        CascadeFit::Warped(MapWarp::Minimax),
+    ] {
         let config = ParallelSplitShadows { fit, ..config(512) };
-        for cascade in plan_cascades(&view, &light, &config, reach) {
+        for cascade in plan_for(&config, &view, DVec3::Y, reach) {
             assert_eq!(cascade.map, None);
         }
     }

@@ -32,12 +32,20 @@ fn look(studio: &mut Studio) -> View {
     studio.survey(&[stance], effort, || ()).remove(0)
 }
 
-/// A setting to check, how far its filter reads (texels), and how strongly maps are warped.
+/// A setting to check, and how far its filter reads (texels).
 struct Variation {
     name: String,
     config: ParallelSplitShadows,
     reach: f64,
-    warp: f64,
+}
+
+/// A fit, or a warp of a share of the strength of perspective shadow maps.
+fn warped(fit: CascadeFit, share: f64) -> CascadeFit {
+    if share > 0.0 {
+        CascadeFit::Warped(MapWarp::Strength(share))
+    } else {
+        fit
+    }
 }
 
 /// Fits, sizes, filters and warps: each value with several of the others'.
@@ -74,13 +82,12 @@ fn variations() -> Vec<Variation> {
             .replace(|c: char| !(c.is_alphanumeric() || "._".contains(c)), ""),
         config: ParallelSplitShadows {
             far: 150.0,
-            fit,
+            fit: warped(fit, warp),
             map_size: MapSize::Same(size),
             filter,
             ..default()
         },
         reach,
-        warp,
     })
     .collect()
 }
@@ -159,7 +166,6 @@ fn check(case: Case, most: Most) {
     let mut failures = String::new();
     for variation in variations() {
         let name = format!("{case:?}_{}", variation.name);
-        studio.warp(variation.warp);
         failures += &judge(&mut studio, &view, &variation, &name, most);
     }
     assert!(failures.is_empty(), "{failures}");
@@ -292,8 +298,8 @@ fn overlays_show_what_the_cpu_works_out() {
     ] {
         let mut studio = case_studio(case);
         let view = look(&mut studio);
-        studio.warp(warp);
-        let Variation { config, .. } = variations().remove(1);
+        let Variation { mut config, .. } = variations().remove(1);
+        config.fit = warped(config.fit, warp);
         studio.apply(&Setting::pssm("overlay", config));
         let shares = studio.shares(&view);
         let mut show = |overlay| {
@@ -362,7 +368,6 @@ fn biases_of_the_literature() {
     let _turn = take_turn();
     let mut studio = case_studio(Case::Balls);
     let view = look(&mut studio);
-    studio.warp(1.0);
     let mut pictures = Vec::new();
     let rows = [
         (DepthDistribution::Hyperbolic, CasterFaces::Front),
@@ -381,6 +386,7 @@ fn biases_of_the_literature() {
         columns.map(|bias| {
             let config = ParallelSplitShadows {
                 far: 150.0,
+                fit: warped(CascadeFit::Stable, 1.0),
                 map_size: MapSize::Same(512),
                 filter: ShadowFilter::Hardware2x2,
                 bias,
@@ -429,8 +435,11 @@ fn softness_does_not_jump_at_splits() {
         .entity_mut(camera)
         .insert(ShadowFilteringMethod::Gaussian);
     let mut widths = |config: ParallelSplitShadows, warp: f64, windows: &[[f64; 2]]| -> Vec<f64> {
-        studio.warp(warp);
-        studio.apply(&Setting::pssm("seams", config));
+        let fit = warped(CascadeFit::Stable, warp);
+        studio.apply(&Setting::pssm(
+            "seams",
+            ParallelSplitShadows { fit, ..config },
+        ));
         let shares = studio.shares(&view);
         windows
             .iter()
@@ -440,6 +449,7 @@ fn softness_does_not_jump_at_splits() {
     let config = ParallelSplitShadows {
         far: 150.0,
         map_size: MapSize::Same(1024),
+        focus: ShadowFocus::Off,
         ..default()
     };
     let planes = split_planes(&config.splits, config.near, config.far, 4);

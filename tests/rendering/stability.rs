@@ -93,13 +93,13 @@ fn a_slow_pan_flips_nothing() {
         .entity_mut(camera)
         .insert(ShadowFilteringMethod::Hardware2x2);
     let sun = stage.sun();
-    let mut pan = |fit| -> Flips {
+    let mut pan = |fit: CascadeFit| -> Flips {
         // Coarse maps: a texel is several pixels wide, so that crawling is plain to see.
         stage.world().entity_mut(sun).insert(ParallelSplitShadows {
             far: 40.0,
             cascades: 1,
             map_size: MapSize::Same(200),
-            fit,
+            fit: fit.clone(),
             ..shadows()
         });
         let pictures: Vec<(Transform, RgbaImage)> = (0..STEPS)

@@ -9,15 +9,10 @@ use bevy::{
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
 use bevy_pssm::{
-    PssmSystems, ShadowPlans,
-    geometry::{
-        bias::{MapDerivatives, automatic},
-        light_frame::LightFrame,
-        warp::{WarpFrame, slice_vertices},
-    },
+    ShadowPlans,
+    geometry::bias::{MapDerivatives, automatic},
     plan::CascadePlan,
     prelude::*,
-    systems::view_volume,
 };
 
 use crate::headless::Headless;
@@ -84,15 +79,7 @@ fn to_sun() -> Vec3 {
     Vec3::new(0.55, 0.65, 0.2).normalize()
 }
 
-/// How strongly maps are warped: 0 for not at all, 1 for a centre of projection as far from each
-/// slice as the slice is from the eye.
-#[derive(Resource, Debug, Default, Clone, Copy)]
-pub struct WarpShare(pub f64);
-
-/// The plugin's maps of the last frame, as they were drawn.
-#[derive(Resource, Debug, Default)]
-struct LaidMaps(Vec<LaidMap>);
-
+/// A map as it was drawn.
 #[derive(Debug, Clone, Copy)]
 struct LaidMap {
     clip_from_world: DMat4,
@@ -100,69 +87,10 @@ struct LaidMap {
     far: f64,
 }
 
-/// Texels that warped maps leave free for filters at each edge.
-const WARP_GUARD: f64 = 12.0;
-
-fn warp_maps(
-    share: Res<WarpShare>,
-    mut laid: ResMut<LaidMaps>,
-    cameras: Query<(&GlobalTransform, &Projection, &Camera)>,
-    mut lights: Query<(&GlobalTransform, &mut ShadowPlans)>,
-) {
-    for (light, mut plans) in &mut lights {
-        let Some(frame) = LightFrame::new(light.back().as_dvec3()) else {
-            continue;
-        };
-        for (camera, cascades) in &mut plans.views {
-            let Ok((transform, projection, camera)) = cameras.get(*camera) else {
-                continue;
-            };
-            if let Some(view) = view_volume(transform, projection, camera)
-                && let Some(warp) = WarpFrame::of_view(&view, frame.z)
-                && share.0 > 0.0
-            {
-                for cascade in cascades.iter_mut() {
-                    let near = cascade.near.max(1.0);
-                    let (Some(map), Some(slice)) =
-                        (&mut cascade.map, view.slice(near, cascade.far))
-                    else {
-                        continue;
-                    };
-                    let scale = 1.0 - 2.0 * WARP_GUARD / f64::from(cascade.map_size);
-                    let guard = DMat4::from_translation(DVec3::Z * 0.05)
-                        * DMat4::from_scale(DVec3::new(scale, scale, 0.9));
-                    let body = slice_vertices(&slice);
-                    let turned = map.clip_from_world.determinant().signum();
-                    let guard = DMat4::from_scale(DVec3::new(turned, 1.0, 1.0)) * guard;
-                    map.clip_from_world = guard * warp.clip_from_world(&body, share.0 / near);
-                    map.clip_from_cascade = map.clip_from_world * map.world_from_cascade;
-                }
-            }
-            let map_of = |cascade: &CascadePlan| {
-                Some(LaidMap {
-                    clip_from_world: cascade.map.as_ref()?.clip_from_world,
-                    size: f64::from(cascade.map_size),
-                    far: cascade.far,
-                })
-            };
-            laid.0 = cascades.iter().filter_map(map_of).collect();
-        }
-    }
-}
-
-/// A case before a camera, with the plugin's maps to be warped at will.
+/// A case before a camera.
 pub fn case_studio(case: Case) -> Studio {
     let size = case.size();
-    let headless = measurable_app(size, |app| {
-        app.init_resource::<WarpShare>()
-            .init_resource::<LaidMaps>()
-            .add_systems(
-                PostUpdate,
-                warp_maps
-                    .after(PssmSystems::PlanCascades)
-                    .before(PssmSystems::CullCasters),
-            );
-    });
+    let headless = measurable_app(size, |_| ());
     furnish(headless, case, size, ParallelSplitShadows::default())
 }
 
@@ -363,13 +291,6 @@ pub struct BiasFaults {
 }
 
 impl Studio {
-    /// Has maps warped.
-    pub fn warp(&mut self, share: f64) {
-        let world = self.world();
-        world.insert_resource(WarpShare(share));
-        world.resource_mut::<ShaderParts>().warps |= share > 0.0;
-    }
-
     /// What is wrong with a picture for the bias' sake, under a filter that reaches so many
     /// texels, and by pixel whether it is.
     pub fn bias_faults(
@@ -502,7 +423,16 @@ impl Studio {
         let world = self.world();
         let enabled = |shadows: &ParallelSplitShadows| shadows.enabled;
         if world.get::<ParallelSplitShadows>(sun).is_some_and(enabled) {
-            return world.resource::<LaidMaps>().0.clone();
+            let plans = world.get::<ShadowPlans>(sun);
+            let cascades = plans.and_then(|plans| plans.views.get(&camera));
+            let map_of = |cascade: &CascadePlan| {
+                Some(LaidMap {
+                    clip_from_world: cascade.map.as_ref()?.clip_from_world,
+                    size: f64::from(cascade.map_size),
+                    far: cascade.far,
+                })
+            };
+            return cascades.into_iter().flatten().filter_map(map_of).collect();
         }
         let size = world.resource::<DirectionalLightShadowMap>().size as f64;
         let bounds = world.get::<CascadeShadowConfig>(sun).map(|c| &c.bounds);

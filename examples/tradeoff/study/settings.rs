@@ -125,15 +125,18 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         config
     };
     let mut settings = Vec::new();
-    for fit in [CascadeFit::Stable, CascadeFit::Tight] {
-        // Quickly: one size of the second fit is enough.
-        let skipped = usize::from(quick && fit == CascadeFit::Tight);
+    for (name, fit) in [
+        ("stable", CascadeFit::Stable),
+        ("tight", CascadeFit::Tight),
+        ("warped", CascadeFit::Warped(MapWarp::Minimax)),
+    ] {
+        // Quickly: one size of the other fits is enough.
+        let skipped = usize::from(quick && fit != CascadeFit::Stable);
         for size in &sizes[skipped..] {
             let config = with(&|config| {
-                config.fit = fit;
+                config.fit = fit.clone();
                 config.map_size = MapSize::Same(*size);
             });
-            let name = format!("{fit:?}").to_lowercase();
             settings.push(Setting::pssm(format!("{name} {size}"), config));
         }
     }

@@ -232,8 +232,7 @@ impl Studio {
         self.ours = matches!(setting.technique, Technique::Pssm(_));
         // Settings before this one have not left their parts in the shader.
         if let Some(mut parts) = self.world().get_resource_mut::<ShaderParts>() {
-            let warps = parts.warps;
-            *parts = ShaderParts { warps, ..default() };
+            *parts = ShaderParts::default();
         }
         match &setting.technique {
             Technique::Pssm(config) => {

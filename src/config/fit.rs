@@ -1,0 +1,145 @@
+//! How maps are laid over their slices.
+
+use bevy::reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault};
+use serde::{Deserialize, Serialize};
+
+use super::ConfigError;
+
+/// How maps are laid over their slices.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum CascadeFit {
+    /// Constant size, fixed orientation, moved in whole texels: edges of resting shadows never
+    /// crawl, however the camera moves or turns.
+    #[default]
+    Stable,
+    /// The smallest box around what can receive shadows, in the light's own frame: several times
+    /// the texels per area. Edges stay while [`slack`](super::ParallelSplitShadows::slack) lasts
+    /// and jump when it does not.
+    Tight,
+    /// The smallest box in the view's frame, in perspective, with more texels near the eye:
+    /// sharpest, and edges crawl while the camera moves.
+    Warped(MapWarp),
+    /// One for each cascade, from the nearest on: stable near and warped far, or the reverse.
+    List(Vec<MapFit>),
+}
+
+/// How one map is laid over its slice.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum MapFit {
+    /// As [`CascadeFit::Stable`].
+    #[default]
+    Stable,
+    /// As [`CascadeFit::Tight`].
+    Tight,
+    /// As [`CascadeFit::Warped`].
+    Warped(MapWarp),
+}
+
+/// How strongly a map is warped.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum MapWarp {
+    /// As makes the worst error least, never worse than without; fades to nothing as view and
+    /// light align.
+    #[default]
+    Minimax,
+    /// Light-space perspective shadow maps (Scherzer and Wimmer, Eq. 1): equal errors at the near
+    /// and the far end. Where view and light are almost aligned many times worse than no warp.
+    Lispsm,
+    /// The family of Lloyd et al. 2006 (Eq. 11).
+    Lloyd {
+        /// From −1, no warp, over 0, as [`MapWarp::Lispsm`], to 1, perspective shadow maps.
+        eta: f64,
+    },
+    /// Trapezoidal shadow maps: four fifths of the map for what lies nearer than the focus.
+    Trapezoid {
+        /// Where the focus lies between the near and the far end (share of depth, above 0 to 0.8,
+        /// which is no warp).
+        focus: f64,
+    },
+    /// So much of the strength of perspective shadow maps (share, 0 to 1).
+    Strength(f64),
+}
+
+/// Along what maps are warped.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum WarpAxis {
+    /// The view's direction (Wimmer et al. 2004).
+    #[default]
+    View,
+    /// The direction to the middle of what can receive shadows (Scherzer and Wimmer's middle
+    /// vector, to the centre of mass instead of the mean of the corners, which jumps).
+    Middle,
+}
+
+/// What of a slice fitted maps are laid over.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum ShadowFocus {
+    /// What lies in the bounds of the meshes that the camera sees in the slice; and splits are
+    /// spread over the depths at which there are any, unless a map is stable. Meshes without
+    /// bounds and volumetric fog count as being everywhere. Bounds that are too small cut shadows
+    /// off, as they cut off the meshes themselves.
+    #[default]
+    Receivers,
+    /// All of it: for receivers that are no meshes, and for measuring.
+    Off,
+}
+
+impl CascadeFit {
+    /// The fit of cascade `index`.
+    pub fn of_cascade(&self, index: usize) -> MapFit {
+        match self {
+            Self::Stable => MapFit::Stable,
+            Self::Tight => MapFit::Tight,
+            Self::Warped(warp) => MapFit::Warped(*warp),
+            Self::List(fits) => fits.get(index).copied().unwrap_or_default(),
+        }
+    }
+
+    /// Whether any map is laid as a predicate says.
+    pub(crate) fn any(&self, predicate: impl FnMut(MapFit) -> bool) -> bool {
+        let count = match self {
+            Self::List(fits) => fits.len(),
+            _ => 1,
+        };
+        (0..count)
+            .map(|index| self.of_cascade(index))
+            .any(predicate)
+    }
+
+    pub(super) fn validate(&self, cascades: u32) -> Result<(), ConfigError> {
+        if let Self::List(fits) = self
+            && fits.len() != cascades as usize
+        {
+            return Err(ConfigError::WrongCount {
+                field: "fit",
+                count: fits.len(),
+                expected: cascades as usize,
+                reason: "one fit per cascade",
+            });
+        }
+        (0..cascades as usize).try_for_each(|index| match self.of_cascade(index) {
+            MapFit::Warped(warp) => warp.validate(),
+            MapFit::Stable | MapFit::Tight => Ok(()),
+        })
+    }
+}
+
+impl MapWarp {
+    fn validate(self) -> Result<(), ConfigError> {
+        match self {
+            Self::Minimax | Self::Lispsm => Ok(()),
+            Self::Lloyd { eta } => ConfigError::check_range("eta", eta, -1.0..=1.0),
+            Self::Trapezoid { focus } if focus == 0.0 => {
+                Err(ConfigError::out_of_range("focus", focus, "above 0"))
+            }
+            Self::Trapezoid { focus } => ConfigError::check_range("focus", focus, 0.0..=0.8),
+            Self::Strength(share) => ConfigError::check_range("Strength", share, 0.0..=1.0),
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! Convex bodies, clipped exactly: the part of a slice in which a scene holds anything.
+
+use glam::DVec3;
+
+use super::slice::Slice;
+
+/// A half-space `normal · p <= distance` with an outward unit normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfSpace {
+    /// Outward unit normal, in world space.
+    pub normal: DVec3,
+    /// Signed distance of the plane from the world's origin along the normal (metres).
+    pub distance: f64,
+}
+
+/// A bounded convex body: corners, and faces as rings of their indices.
+///
+/// Neighbouring faces share corners by index, so that every edge is found from both sides.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ConvexBody {
+    /// Corners, in world space.
+    pub corners: Vec<DVec3>,
+    /// Faces, each in order round it, in either direction.
+    pub faces: Vec<Vec<usize>>,
+}
+
+/// Corner indices of a slice's or a box's six faces, in order round the face.
+const FACES: [[usize; 4]; 6] = [
+    [0, 1, 2, 3],
+    [4, 5, 6, 7],
+    [0, 1, 5, 4],
+    [1, 2, 6, 5],
+    [2, 3, 7, 6],
+    [3, 0, 4, 7],
+];
+
+/// Corners this close to a plane lie on it (as a share of the body's extent).
+const ON_PLANE: f64 = 1e-9;
+
+impl ConvexBody {
+    /// The whole slice.
+    pub fn of_slice(slice: &Slice) -> Self {
+        Self::of_corners(slice.corners)
+    }
+
+    /// A box between two corners, in world space; nothing if they are not in order.
+    pub fn of_box(min: DVec3, max: DVec3) -> Self {
+        if !(min.cmple(max).all() && min.is_finite() && max.is_finite()) {
+            return Self::default();
+        }
+        let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+        let quad = |z: f64| {
+            [
+                at(min.x, min.y, z),
+                at(max.x, min.y, z),
+                at(max.x, max.y, z),
+                at(min.x, max.y, z),
+            ]
+        };
+        let [a, b] = [quad(min.z), quad(max.z)];
+        Self::of_corners([a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]])
+    }
+
+    fn of_corners(corners: [DVec3; 8]) -> Self {
+        Self {
+            corners: corners.to_vec(),
+            faces: FACES.iter().map(|face| face.to_vec()).collect(),
+        }
+    }
+
+    /// The half-spaces that a box between two corners is made of.
+    pub fn planes_of_box([min, max]: [DVec3; 2]) -> [HalfSpace; 6] {
+        let plane = |normal: DVec3, distance: f64| HalfSpace { normal, distance };
+        [
+            plane(DVec3::X, max.x),
+            plane(DVec3::Y, max.y),
+            plane(DVec3::Z, max.z),
+            plane(DVec3::NEG_X, -min.x),
+            plane(DVec3::NEG_Y, -min.y),
+            plane(DVec3::NEG_Z, -min.z),
+        ]
+    }
+
+    /// Whether nothing is left.
+    pub fn is_empty(&self) -> bool {
+        self.corners.is_empty()
+    }
+
+    /// The part within all half-spaces.
+    pub fn within(mut self, planes: impl IntoIterator<Item = HalfSpace>) -> Self {
+        for plane in planes {
+            self = self.clipped(plane);
+        }
+        self
+    }
+
+    /// The part in a half-space: empty, or a body with at least one corner, flat perhaps.
+    fn clipped(self, plane: HalfSpace) -> Self {
+        let tolerance = ON_PLANE * self.extent();
+        let beyond: Vec<f64> = self
+            .corners
+            .iter()
+            .map(|corner| plane.normal.dot(*corner) - plane.distance)
+            .map(|beyond| {
+                if beyond.abs() <= tolerance {
+                    0.0
+                } else {
+                    beyond
+                }
+            })
+            .collect();
+        if beyond.iter().all(|beyond| *beyond <= 0.0) {
+            return self;
+        }
+        if beyond.iter().all(|beyond| *beyond > 0.0) {
+            return Self::default();
+        }
+
+        let mut cut = Cut::new(&self.corners, &beyond);
+        let mut faces: Vec<Vec<usize>> = self
+            .faces
+            .iter()
+            .map(|face| cut.face(face))
+            .filter(|face| face.len() > 2)
+            .collect();
+        let cap = cut.cap(plane.normal);
+        if cap.len() > 2 {
+            faces.push(cap);
+        }
+        Self {
+            corners: cut.corners,
+            faces,
+        }
+    }
+
+    /// Mean of the corners, which lies inside.
+    pub fn centre(&self) -> DVec3 {
+        self.corners.iter().sum::<DVec3>() / self.corners.len().max(1) as f64
+    }
+
+    /// Centre of mass, which moves continuously with the body. Of a flat one, as
+    /// [`ConvexBody::centre`].
+    pub fn centroid(&self) -> DVec3 {
+        let centre = self.centre();
+        let mut sum = DVec3::ZERO;
+        let mut total = 0.0;
+        for face in &self.faces {
+            let corner = |i: usize| self.corners[face[i]] - centre;
+            for i in 1..face.len() - 1 {
+                let (a, b, c) = (corner(0), corner(i), corner(i + 1));
+                let volume = a.cross(b).dot(c).abs();
+                sum += volume * 0.25 * (a + b + c);
+                total += volume;
+            }
+        }
+        let offset = sum / total;
+        if offset.is_finite() {
+            centre + offset
+        } else {
+            centre
+        }
+    }
+
+    fn extent(&self) -> f64 {
+        let (lo, hi) = self.bounds();
+        (hi - lo)
+            .max_element()
+            .max(lo.abs().max(hi.abs()).max_element())
+    }
+
+    /// Lower and upper corner of the smallest box around the body, in world space.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.corners.iter().fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(lo, hi), corner| (lo.min(*corner), hi.max(*corner)),
+        )
+    }
+}
+
+/// A plane going through a body: corners are kept, and new ones made on edges that it crosses.
+struct Cut<'a> {
+    old: &'a [DVec3],
+    beyond: &'a [f64],
+    corners: Vec<DVec3>,
+    kept: Vec<Option<usize>>,
+    on_edge: Vec<([usize; 2], usize)>,
+}
+
+impl<'a> Cut<'a> {
+    fn new(old: &'a [DVec3], beyond: &'a [f64]) -> Self {
+        let mut corners = Vec::with_capacity(old.len() + 4);
+        let kept = old
+            .iter()
+            .zip(beyond)
+            .map(|(corner, beyond)| {
+                (*beyond <= 0.0).then(|| {
+                    corners.push(*corner);
+                    corners.len() - 1
+                })
+            })
+            .collect();
+        Self {
+            old,
+            beyond,
+            corners,
+            kept,
+            on_edge: Vec::new(),
+        }
+    }
+
+    /// A face's ring, cut.
+    fn face(&mut self, ring: &[usize]) -> Vec<usize> {
+        let mut cut = Vec::with_capacity(ring.len() + 1);
+        for (position, &a) in ring.iter().enumerate() {
+            let b = ring[(position + 1) % ring.len()];
+            cut.extend(self.kept[a]);
+            if self.beyond[a] * self.beyond[b] < 0.0 {
+                cut.push(self.crossing(a.min(b), a.max(b)));
+            }
+        }
+        cut
+    }
+
+    fn crossing(&mut self, a: usize, b: usize) -> usize {
+        let known = self.on_edge.iter().find(|(edge, _)| *edge == [a, b]);
+        if let Some((_, corner)) = known {
+            return *corner;
+        }
+        let share = self.beyond[a] / (self.beyond[a] - self.beyond[b]);
+        self.corners.push(self.old[a].lerp(self.old[b], share));
+        let corner = self.corners.len() - 1;
+        self.on_edge.push(([a, b], corner));
+        corner
+    }
+
+    /// The new face in the plane: everything that lies on it, in order round it.
+    fn cap(&self, normal: DVec3) -> Vec<usize> {
+        let on_plane = self.kept.iter().zip(self.beyond);
+        let on_plane = on_plane.filter(|(_, beyond)| **beyond == 0.0);
+        let mut ring: Vec<usize> = on_plane
+            .filter_map(|(kept, _)| *kept)
+            .chain(self.on_edge.iter().map(|(_, corner)| *corner))
+            .collect();
+        let centre = ring
+            .iter()
+            .map(|corner| self.corners[*corner])
+            .sum::<DVec3>()
+            / ring.len().max(1) as f64;
+        let (right, up) = normal.any_orthonormal_pair();
+        let angle = |corner: &usize| {
+            let from = self.corners[*corner] - centre;
+            up.dot(from).atan2(right.dot(from))
+        };
+        ring.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+        ring
+    }
+}
