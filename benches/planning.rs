@@ -37,6 +37,7 @@ fn planning(criterion: &mut Criterion) {
             config,
             reach,
             receivers: &receivers,
+            image_height: 1080.0,
         };
         plan_cascades(&inputs, history)
     };

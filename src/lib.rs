@@ -48,8 +48,8 @@ pub mod systems;
 
 pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, ConfigError, DepthDistribution,
-    FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, ShadowBias, ShadowFilter,
-    ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
+    FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, Preference, ShadowBias,
+    ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
 };
 pub use debug::ShadowOverlay;
 pub use render::PssmRenderSystems;
@@ -66,8 +66,8 @@ pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
         CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution, FilterRadius,
-        MapFit, MapSize, MapWarp, ParallelSplitShadows, PssmPlugin, ShaderParts, ShadowBias,
-        ShadowFilter, ShadowFocus, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
+        MapFit, MapSize, MapWarp, ParallelSplitShadows, Preference, PssmPlugin, ShaderParts,
+        ShadowBias, ShadowFilter, ShadowFocus, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
     };
 }
 

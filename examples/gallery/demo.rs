@@ -11,7 +11,7 @@ use bevy::{
     camera::visibility::CascadesVisibleEntities, core_pipeline::tonemapping::Tonemapping,
     diagnostic::DiagnosticsStore, platform::time::Instant, prelude::*,
 };
-use bevy_pssm::prelude::*;
+use bevy_pssm::ShadowPlans;
 use image::RgbaImage;
 
 use crate::{
@@ -178,14 +178,14 @@ fn shoot(stage: &mut SceneStage, ours: bool) -> Shot {
         .flat_map(|lists| lists.entities.values().flatten())
         .map(|list| list.entities.len())
         .collect();
-    let map_size = world
-        .get::<ParallelSplitShadows>(sun)
-        .filter(|_| ours)
-        .map_or(MapSize::Same(MAP_SIZE as u32), |shadows| {
-            shadows.map_size.clone()
-        });
+    let plans = world.get::<ShadowPlans>(sun).filter(|_| ours);
+    let plans = plans.and_then(|plans| plans.views.values().next());
     let texels = (0..casters.len())
-        .map(|cascade| u64::from(map_size.of_cascade(cascade)).pow(2))
+        .map(|cascade| {
+            let plan = plans.and_then(|plans| plans.get(cascade));
+            plan.map_or(UVec2::splat(MAP_SIZE as u32), |plan| plan.map_size)
+        })
+        .map(|size| u64::from(size.x) * u64::from(size.y))
         .sum();
     Shot {
         picture,

@@ -11,7 +11,7 @@ use bevy_pssm::{
         warp::{BodyVertex, WarpFrame, slice_vertices},
     },
 };
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3, UVec2};
 use serde::Serialize;
 
 /// View, light and maps.
@@ -93,8 +93,9 @@ impl Setup {
                     let map = map?;
                     Aliasing::over(&map.clip_from_world, map.axes, &slice_vertices(slice))
                 });
-                let pixels =
-                    worst.map(|w| w.pixels_per_texel(f64::from(self.map_size), self.image_height));
+                let pixels = worst.map(|w| {
+                    w.pixels_per_texel(DVec2::splat(f64::from(self.map_size)), self.image_height)
+                });
                 let seam = slice.filter(|_| index > 0).and_then(|slice| {
                     let [a, b, c, d, ..] = slice_vertices(slice);
                     seam(maps[index - 1].as_ref()?, map?, [a, b, c, d])
@@ -134,7 +135,7 @@ impl Setup {
                 let light = LightFrame::new(self.to_light)?;
                 let reach =
                     ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
-                let map = fit::stable(slice, &light, self.map_size, reach);
+                let map = fit::stable(slice, &light, UVec2::splat(self.map_size), reach);
                 Some(Map {
                     clip_from_world: map.clip_from_world(&light),
                     axes: [light.x, light.y],

@@ -22,6 +22,42 @@ pub enum CascadeFit {
     Warped(MapWarp),
     /// One for each cascade, from the nearest on: stable near and warped far, or the reverse.
     List(Vec<MapFit>),
+    /// A map of its own for every face of the view that light enters or leaves it by, warped from
+    /// edge to edge (Lloyd et al. 2006, 5.1): for light along the view, where no other warp gains
+    /// anything. One to four faces share four maps, and slices get what is left: with so few maps,
+    /// slices alone are sharper at most angles. Needs four cascades; for cameras in perspective.
+    Faces,
+    /// Chosen for each cascade from what a fit is predicted to gain, and no more cascades than gain
+    /// anything. Choices are held until another is clearly better.
+    Auto {
+        /// What sharpness is worth.
+        prefer: Preference,
+    },
+}
+
+/// What [`CascadeFit::Auto`] prefers.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Preference {
+    /// All maps stable, as with [`CascadeFit::Stable`].
+    Stability,
+    /// What is sharpest, by however little.
+    #[default]
+    Sharpness,
+    /// Between the two (0 to 1): at 0.5 a warped map must have twice the texels across a pixel that a
+    /// stable one has, a tight one 1.4 times; at 0.25 four times, and twice.
+    Between(f64),
+}
+
+impl Preference {
+    /// From 0, stability, to 1, sharpness.
+    pub fn share(self) -> f64 {
+        match self {
+            Self::Stability => 0.0,
+            Self::Sharpness => 1.0,
+            Self::Between(share) => share,
+        }
+    }
 }
 
 /// How one map is laid over its slice.
@@ -91,24 +127,38 @@ pub enum ShadowFocus {
 }
 
 impl CascadeFit {
-    /// The fit of cascade `index`.
-    pub fn of_cascade(&self, index: usize) -> MapFit {
-        match self {
-            Self::Stable => MapFit::Stable,
-            Self::Tight => MapFit::Tight,
-            Self::Warped(warp) => MapFit::Warped(*warp),
-            Self::List(fits) => fits.get(index).copied().unwrap_or_default(),
-        }
+    /// The fits that cascade `index` may have: one, or those to choose from.
+    pub fn of_cascade(&self, index: usize) -> impl Iterator<Item = MapFit> + use<> {
+        const CHOICE: [MapFit; 3] = [
+            MapFit::Stable,
+            MapFit::Tight,
+            MapFit::Warped(MapWarp::Minimax),
+        ];
+        let (fits, count) = match self {
+            Self::Stable => ([MapFit::Stable; 3], 1),
+            Self::Tight => ([MapFit::Tight; 3], 1),
+            Self::Faces => ([MapFit::Warped(MapWarp::Minimax); 3], 1),
+            Self::Warped(warp) => ([MapFit::Warped(*warp); 3], 1),
+            Self::List(fits) => ([fits.get(index).copied().unwrap_or_default(); 3], 1),
+            Self::Auto { prefer } if prefer.share() <= 0.0 => (CHOICE, 1),
+            Self::Auto { .. } => (CHOICE, 3),
+        };
+        fits.into_iter().take(count)
     }
 
-    /// Whether any map is laid as a predicate says.
+    /// Whether there is a choice.
+    pub(crate) fn chooses(&self) -> bool {
+        matches!(self, Self::Auto { prefer } if prefer.share() > 0.0)
+    }
+
+    /// Whether a map may be laid as a predicate says.
     pub(crate) fn any(&self, predicate: impl FnMut(MapFit) -> bool) -> bool {
         let count = match self {
             Self::List(fits) => fits.len(),
             _ => 1,
         };
         (0..count)
-            .map(|index| self.of_cascade(index))
+            .flat_map(|index| self.of_cascade(index))
             .any(predicate)
     }
 
@@ -123,10 +173,22 @@ impl CascadeFit {
                 reason: "one fit per cascade",
             });
         }
-        (0..cascades as usize).try_for_each(|index| match self.of_cascade(index) {
-            MapFit::Warped(warp) => warp.validate(),
-            MapFit::Stable | MapFit::Tight => Ok(()),
-        })
+        if *self == Self::Faces && cascades != 4 {
+            return Err(ConfigError::out_of_range(
+                "cascades",
+                cascades,
+                "4 with `fit: Faces`",
+            ));
+        }
+        if let Self::Auto { prefer } = self {
+            ConfigError::check_range("Between", prefer.share(), 0.0..=1.0)?;
+        }
+        (0..cascades as usize)
+            .flat_map(|index| self.of_cascade(index))
+            .try_for_each(|fit| match fit {
+                MapFit::Warped(warp) => warp.validate(),
+                MapFit::Stable | MapFit::Tight => Ok(()),
+            })
     }
 }
 

@@ -10,7 +10,7 @@ pub use filter::{
     CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, MAX_FILTER_TEXELS, ShadowBias,
     ShadowFilter,
 };
-pub use fit::{CascadeFit, MapFit, MapWarp, ShadowFocus, WarpAxis};
+pub use fit::{CascadeFit, MapFit, MapWarp, Preference, ShadowFocus, WarpAxis};
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 
 pub(crate) use filter::{GAUSSIAN_TEXELS, TEMPORAL_TEXELS, depth_multiplier, normal_multiplier};
@@ -21,6 +21,7 @@ use bevy::{
     ecs::{component::Component, reflect::ReflectComponent},
     reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
 };
+use glam::UVec2;
 use serde::{Deserialize, Serialize};
 
 use crate::systems::ManagedLight;
@@ -207,9 +208,9 @@ impl Default for SplitScheme {
 /// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
 /// GPU allows, powers of two or not.
 ///
-/// All maps live in one array texture whose layers are as large as the largest map: smaller
-/// maps save drawing, not memory, which is `4 bytes × largest² × maps`, spot lights' maps and
-/// every camera's included.
+/// All maps live in one array texture whose layers are as wide and as high as the widest and the
+/// highest map: smaller maps save drawing, not memory, which is `4 bytes × width × height × maps`,
+/// spot lights' maps and every camera's included.
 #[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum MapSize {
@@ -222,6 +223,12 @@ pub enum MapSize {
     Halving(u32),
     /// One size per cascade.
     List(Vec<u32>),
+    /// One width and height per cascade.
+    Sides(Vec<[u32; 2]>),
+    /// So many texels for all maps together, shared so that all are predicted to be equally sharp,
+    /// along both axes (Lloyd et al. 2006, Eqs. 13–14). Sizes change, if seldom, and with them the
+    /// texels of stable maps. No side is longer than twice that of an even share.
+    Budget(u32),
 }
 
 impl Default for MapSize {
@@ -231,13 +238,24 @@ impl Default for MapSize {
 }
 
 impl MapSize {
-    /// Texels per side of cascade `index`.
-    pub fn of_cascade(&self, index: usize) -> u32 {
-        match self {
+    /// Texels along the axes of cascade `index`; `None` if they depend on the plan.
+    pub fn of_cascade(&self, index: usize) -> Option<UVec2> {
+        let side = match self {
             Self::Same(size) => *size,
             Self::Halving(first) => (first >> index).max(MIN_MAP_SIZE),
             Self::List(sizes) => sizes.get(index).copied().unwrap_or(MIN_MAP_SIZE),
-        }
+            Self::Sides(sides) => {
+                return Some(
+                    sides
+                        .get(index)
+                        .copied()
+                        .unwrap_or([MIN_MAP_SIZE; 2])
+                        .into(),
+                );
+            }
+            Self::Budget(_) => return None,
+        };
+        Some(UVec2::splat(side))
     }
 }
 
@@ -331,18 +349,36 @@ impl MapSize {
                 ConfigError::check_range("map_size", *size, (MIN_MAP_SIZE << (cascades - 1))..=max)
             }
             Self::List(sizes) => {
-                if sizes.len() != cascades as usize {
-                    return Err(ConfigError::WrongCount {
-                        field: "map_size",
-                        count: sizes.len(),
-                        expected: cascades as usize,
-                        reason: "one size per cascade",
-                    });
-                }
+                Self::check_count(sizes.len(), cascades)?;
                 sizes
                     .iter()
                     .try_for_each(|size| ConfigError::check_range("map_size", *size, range.clone()))
             }
+            Self::Sides(sides) => {
+                Self::check_count(sides.len(), cascades)?;
+                sides
+                    .iter()
+                    .flatten()
+                    .try_for_each(|size| ConfigError::check_range("map_size", *size, range.clone()))
+            }
+            // Sides may be twice as long as an even share's, or half as long.
+            Self::Budget(texels) => {
+                let of_side = |side: u32| cascades.saturating_mul(side.saturating_mul(side));
+                let range = of_side(2 * MIN_MAP_SIZE)..=of_side(max / 2);
+                ConfigError::check_range("map_size", *texels, range)
+            }
         }
+    }
+
+    fn check_count(count: usize, cascades: u32) -> Result<(), ConfigError> {
+        if count == cascades as usize {
+            return Ok(());
+        }
+        Err(ConfigError::WrongCount {
+            field: "map_size",
+            count,
+            expected: cascades as usize,
+            reason: "one size per cascade",
+        })
     }
 }

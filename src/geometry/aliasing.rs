@@ -57,9 +57,9 @@ impl Aliasing {
     }
 
     /// Pixels that a texel covers along the map's axes, in an image `image_height` pixels high
-    /// of a map of `map_size` texels per side. For aliasing that was worked out for an image one
+    /// and a map of `map_size` texels. For aliasing that was worked out for an image one
     /// pixel high.
-    pub fn pixels_per_texel(self, map_size: f64, image_height: f64) -> DVec2 {
+    pub fn pixels_per_texel(self, map_size: DVec2, image_height: f64) -> DVec2 {
         DVec2::new(self.x, self.z) * image_height / map_size
     }
 

@@ -88,7 +88,7 @@ impl MapDerivatives {
     }
 
     /// Size of a texel across the light, along the map's axes (metres).
-    pub fn texel(&self, map_size: f64) -> DVec2 {
+    pub fn texel(&self, map_size: DVec2) -> DVec2 {
         2.0 / map_size / DVec2::new(self.x.length(), self.y.length())
     }
 }
@@ -118,12 +118,12 @@ pub fn automatic(
     point: DVec3,
     normal: DVec3,
     to_light: DVec3,
-    map_size: f64,
+    map_size: DVec2,
 ) -> Option<Bias> {
     let map = MapDerivatives::at(clip_from_world, point)?;
     let (normal, to_light) = (normal.try_normalize()?, to_light.try_normalize()?);
     let slope = map.depth_slope(normal)?;
-    let reach = sufficient(slope, DVec2::splat(TAP_REACH), DVec2::splat(map_size));
+    let reach = sufficient(slope, DVec2::splat(TAP_REACH), map_size);
     let sizes = map.texel(map_size);
     let (texel, per_metre) = (sizes.max_element(), map.z.dot(to_light).abs());
     let wall = LEAST_SLOPE * texel * per_metre;

@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use super::{
     aliasing::Aliasing,
+    body::HalfSpace,
     slice::{Slice, ViewVolume},
     warp::{BodyVertex, WarpFrame, forward, slice_vertices},
 };
@@ -15,12 +16,63 @@ use super::{
 /// A face of a slice and how its map is warped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
+    /// Which side: 0 below, then right, above and left; 4 is the near face.
+    pub side: usize,
     /// The frame of its map.
     pub frame: WarpFrame,
     /// Its corners.
     pub vertices: [BodyVertex; 4],
     /// Strength of the warp (1/metres).
     pub strength: f64,
+}
+
+/// The piece of a perspective view that casts its footprint on one of its sides: everything
+/// between two planes through the eye and the light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wedge {
+    /// Which side: 0 below, then right, above and left.
+    pub side: usize,
+    /// The bounding planes, in the order of the side's edges.
+    pub planes: [HalfSpace; 2],
+    /// Unit vector along which its map is warped: between the side's edges as the light sees them.
+    pub axis: DVec3,
+}
+
+impl Wedge {
+    /// The wedges of all sides that get a map: those that face the light if it comes from behind
+    /// the camera, those that face away from it otherwise. With the sides stretched to the eye they
+    /// make up the view. None if the view is not in perspective or `to_light` has no direction.
+    pub fn of_view(view: &ViewVolume, to_light: DVec3) -> Vec<Self> {
+        let is_cone = view.min[0] == view.max[0] && view.max[1] != view.min[1];
+        let near = view.near.max(1.0);
+        let (Some(slice), Some(to_light), true) = (
+            view.slice(near, 2.0 * near),
+            to_light.try_normalize(),
+            is_cone,
+        ) else {
+            return Vec::new();
+        };
+        sides(view, &slice, to_light)
+            .into_iter()
+            .filter_map(|face| {
+                let plane = |edge: DVec3, other: DVec3| {
+                    let normal = edge.cross(to_light).try_normalize()?;
+                    // Outward: the other edge lies inside.
+                    let normal = normal * -normal.dot(other).signum();
+                    Some(HalfSpace {
+                        normal,
+                        distance: normal.dot(view.eye),
+                    })
+                };
+                let [a, b] = [0, 1].map(|edge| face.vertices[edge].position - view.eye);
+                Some(Self {
+                    side: face.side,
+                    planes: [plane(a, b)?, plane(b, a)?],
+                    axis: face.frame.y,
+                })
+            })
+            .collect()
+    }
 }
 
 /// Faces seen at a smaller sine than this are edge-on, and have no area to map.
@@ -61,6 +113,7 @@ pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
             let (near_line, far_line) = frame.lines(&quad);
             let ratio = quad[2].image_height / quad[0].image_height;
             Some(Face {
+                side,
                 frame,
                 vertices: quad,
                 strength: (ratio.sqrt() - 1.0) / (far_line - near_line),
@@ -78,6 +131,7 @@ pub fn near(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Option<Face> {
     }
     let [a, b, c, d, ..] = slice_vertices(slice);
     Some(Face {
+        side: 4,
         frame: WarpFrame::new(view.eye, view.axes.y_axis, to_light)?,
         vertices: [a, b, c, d],
         strength: 0.0,

@@ -1,6 +1,6 @@
 //! Laying a map over a slice: how large, where, and snapped to which grid.
 
-use glam::{DMat4, DVec2, DVec3, DVec4};
+use glam::{DMat4, DVec2, DVec3, DVec4, UVec2};
 
 use super::{light_frame::LightFrame, slice::Slice, steady::Slack};
 
@@ -31,16 +31,25 @@ const MIN_EXTENT: f64 = 1e-6;
 /// The slice's bounding sphere fixes the size; the centre is rounded to the texel grid of the
 /// light's own frame, anchored at the world's origin. What lookups reach beyond the slice stays
 /// inside the map. (NVIDIA 2007; sphere and guard as in Valient 2008.)
-pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupReach) -> MapBox {
-    let size = f64::from(map_size);
+pub fn stable(slice: &Slice, light: &LightFrame, map_size: UVec2, reach: LookupReach) -> MapBox {
+    let size = map_size.as_dvec2();
     let half = slice.radius.max(MIN_EXTENT) * size / usable(size, 1.0 + 2.0 * reach.texels);
     let texel = 2.0 * half / size;
-    let centre = light.light_from_world(slice.centre);
+    let depth = half.max_element() + reach.texels * texel.max_element();
     MapBox {
-        centre: (centre / texel + 0.5).floor() * texel,
-        half: DVec3::new(half, half, half + reach.texels * texel),
-        texel: DVec2::splat(texel),
+        // Depth moves in steps too: it is rounded the same from frame to frame.
+        centre: snapped(
+            light.light_from_world(slice.centre),
+            texel.extend(texel.max_element()),
+        ),
+        half: half.extend(depth),
+        texel,
     }
+}
+
+/// The nearest corner of the grid of cells that starts at the origin.
+fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
+    (point / cell + 0.5).floor() * cell
 }
 
 /// The smallest box around points in the light's frame, grown by some slack: as long as that
@@ -49,12 +58,12 @@ pub fn stable(slice: &Slice, light: &LightFrame, map_size: u32, reach: LookupRea
 pub fn tight(
     points: &[DVec3],
     light: &LightFrame,
-    map_size: u32,
+    map_size: UVec2,
     reach: LookupReach,
     slack: Slack,
     held: &mut Option<DVec2>,
 ) -> MapBox {
-    let size = f64::from(map_size);
+    let size = map_size.as_dvec2();
     let (lo, hi) = points
         .iter()
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), point| {
@@ -72,20 +81,16 @@ pub fn tight(
     let half = 0.5 * steady * size / usable(size, guard);
     let texel = 2.0 * half / size;
     let centre = (lo + hi) * 0.5;
-    let across = if snaps {
-        (centre.truncate() / texel + 0.5).floor() * texel
-    } else {
-        centre.truncate()
-    };
+    let cell = texel.extend(texel.max_element());
     MapBox {
-        centre: across.extend(centre.z),
-        half: half.extend(0.5 * extent.z + reach.texels * texel.max_element()),
+        centre: if snaps { snapped(centre, cell) } else { centre },
+        half: half.extend(0.5 * extent.z + (reach.texels + 0.5) * cell.z),
         texel,
     }
 }
 
 /// Texels left for the slice once the guard is taken off; at least half the map.
-pub(super) fn usable(size: f64, guard: f64) -> f64 {
+pub(super) fn usable(size: DVec2, guard: f64) -> DVec2 {
     (size - guard).max(0.5 * size)
 }
 

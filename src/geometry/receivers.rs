@@ -12,6 +12,7 @@ pub struct Receivers {
     per_depth: DVec3,
     boxes: Vec<ReceiverBox>,
     everywhere: bool,
+    fog: bool,
 }
 
 /// A box along the world's axes, and the depths between which it lies.
@@ -37,14 +38,23 @@ impl Receivers {
             per_depth: view.per_depth(),
             boxes: Vec::new(),
             everywhere: false,
+            fog: false,
         }
     }
 
-    /// Something that receives shadows wherever the camera looks: fog, or what has no bounds.
+    /// Something that receives shadows wherever the camera looks.
     pub fn everywhere(view: &ViewVolume) -> Self {
         Self {
             everywhere: true,
             ..Self::new(view)
+        }
+    }
+
+    /// Fog, which receives shadows in the air.
+    pub fn fog(view: &ViewVolume) -> Self {
+        Self {
+            fog: true,
+            ..Self::everywhere(view)
         }
     }
 
@@ -72,6 +82,11 @@ impl Receivers {
     /// Whether they have no bounds.
     pub fn are_everywhere(&self) -> bool {
         self.everywhere
+    }
+
+    /// Whether fog is among them.
+    pub fn has_fog(&self) -> bool {
+        self.fog
     }
 
     /// Depths between which they lie, those behind the eye included (metres). In no order if

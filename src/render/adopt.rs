@@ -14,7 +14,7 @@ use bevy::{
     },
     light::DirectionalLightShadowMap,
     log::{info, warn},
-    math::UVec4,
+    math::{UVec2, UVec4},
     pbr::{
         CORE_3D_SHADOW_MAP_FORMAT, ExtractedDirectionalLight, LightEntity, MAX_DIRECTIONAL_LIGHTS,
         ShadowView, ViewLightEntities, ViewShadowBindings,
@@ -43,7 +43,7 @@ pub struct AdoptedMap {
     /// Layer of the target.
     pub layer: u32,
     /// Texels per side, in the layer's first corner.
-    pub size: u32,
+    pub size: UVec2,
     /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
     /// lit. Bevy's own maps are always drawn.
     pub skip_if_empty: bool,
@@ -74,7 +74,8 @@ pub(super) struct AdoptedLight {
 pub struct ShadowTarget {
     texture: Option<Texture>,
     layers: Vec<TextureView>,
-    pub(super) size: u32,
+    /// Of a layer.
+    pub(super) size: UVec2,
     /// Side of the maps that are not ours.
     pub(super) stock_size: u32,
 }
@@ -85,7 +86,7 @@ impl ShadowTarget {
         self.layers.get(layer as usize)
     }
 
-    fn fit(&mut self, device: &RenderDevice, size: u32, layers: u32) -> &Texture {
+    fn fit(&mut self, device: &RenderDevice, size: UVec2, layers: u32) -> &Texture {
         let held = self.layers.len() as u32;
         let fits = self.size == size && held >= layers && held <= 2 * layers;
         if !fits {
@@ -97,8 +98,8 @@ impl ShadowTarget {
             let texture = device.create_texture(&TextureDescriptor {
                 label: Some("pssm_shadow_maps"),
                 size: Extent3d {
-                    width: size,
-                    height: size,
+                    width: size.x,
+                    height: size.y,
                     depth_or_array_layers: layers,
                 },
                 mip_level_count: 1,
@@ -242,7 +243,7 @@ pub(super) fn adopt_views(
             AdoptedMap {
                 // Where the shader looks for it: right after the neediest camera's cascades.
                 layer: stock_cascades + index,
-                size: stock_size,
+                size: UVec2::splat(stock_size),
                 skip_if_empty: false,
                 spot_index: Some(index),
             },
@@ -310,7 +311,9 @@ pub(super) fn adopt_views(
                 *view,
                 AdoptedMap {
                     layer: next_layer,
-                    size: own.map_or(stock_size, |cascade| cascade.map_size.min(max_size)),
+                    size: own.map_or(UVec2::splat(stock_size), |cascade| {
+                        cascade.map_size.min(UVec2::splat(max_size))
+                    }),
                     skip_if_empty: own.is_some(),
                     spot_index: None,
                 },
@@ -351,8 +354,8 @@ pub(super) fn adopt_views(
     let size = maps
         .iter()
         .map(|(_, map)| map.size)
-        .max()
-        .unwrap_or(stock_size);
+        .reduce(UVec2::max)
+        .unwrap_or(UVec2::splat(stock_size));
     target.stock_size = stock_size;
     let texture = target.fit(&device, size, layers).clone();
     let array = texture.create_view(&TextureViewDescriptor {
@@ -372,7 +375,7 @@ pub(super) fn adopt_views(
     }
     for (view, map) in maps {
         if let Ok((_, _, mut extracted_view, _, adopted)) = views.get_mut(view) {
-            extracted_view.viewport = UVec4::new(0, 0, map.size, map.size);
+            extracted_view.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
             if adopted != Some(&map) {
                 commands
                     .entity(view)
@@ -396,12 +399,13 @@ pub(super) fn adopt_views(
 
 /// A cascade that exists for Bevy but has no plan: its light or camera is degenerate.
 const NO_MAP: ExtractedCascade = ExtractedCascade {
-    map_size: crate::config::MIN_MAP_SIZE,
+    map_size: UVec2::splat(crate::config::MIN_MAP_SIZE),
     has_map: false,
     texel: [0.0; 2],
     depth_per_metre: 0.0,
     blend_start: f32::MAX,
     far: f32::MAX,
+    wedge: None,
 };
 
 impl AdoptedLight {

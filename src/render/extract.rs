@@ -14,6 +14,7 @@ use bevy::{
         world::World,
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight, DirectionalLightShadowMap},
+    math::{UVec2, Vec3},
     render::{
         Extract, MainWorld,
         sync_world::{MainEntity, MainEntityHashMap},
@@ -47,7 +48,7 @@ pub(crate) struct ExtractedLight {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ExtractedCascade {
-    pub map_size: u32,
+    pub map_size: UVec2,
     pub has_map: bool,
     /// Size of a texel (metres), and NDC depth per metre towards the light: of maps that are not
     /// in perspective.
@@ -55,6 +56,14 @@ pub(crate) struct ExtractedCascade {
     pub depth_per_metre: f32,
     pub blend_start: f32,
     pub far: f32,
+    pub wedge: Option<ExtractedWedge>,
+}
+
+/// The side of the view that a cascade is for, and the outward normals of its wedge's planes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ExtractedWedge {
+    pub side: usize,
+    pub normals: [Vec3; 2],
 }
 
 impl From<&CascadePlan> for ExtractedCascade {
@@ -69,6 +78,10 @@ impl From<&CascadePlan> for ExtractedCascade {
             }),
             blend_start: plan.blend_start as f32,
             far: plan.far as f32,
+            wedge: plan.wedge.map(|wedge| ExtractedWedge {
+                side: wedge.side,
+                normals: wedge.planes.map(|plane| plane.normal.as_vec3()),
+            }),
         }
     }
 }

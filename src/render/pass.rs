@@ -57,8 +57,9 @@ pub fn shadow_map_pass(
         ..Default::default()
     });
     let span = diagnostics.pass_span(&mut pass, format!("{SHADOW_PASS_SPAN}_{}", map.layer));
-    pass.set_viewport(0.0, 0.0, map.size as f32, map.size as f32, 0.0, 1.0);
-    pass.set_scissor_rect(0, 0, map.size, map.size);
+    let [width, height] = map.size.to_array();
+    pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+    pass.set_scissor_rect(0, 0, width, height);
     if let Err(err) = phase.render(&mut pass, world, entity) {
         error!("Could not draw shadow casters: {err:?}");
     }

@@ -36,8 +36,17 @@ mod layout {
     /// A column of a cascade's matrix, which comes first in it.
     pub const COLUMN: usize = 16;
     pub const TEXEL_SIZE: usize = 64;
+    /// Planes through the view's edges, in columns that are free.
+    pub const EDGES: [usize; 4] = [
+        CASCADE + 3 * COLUMN,
+        2 * CASCADE + 2 * COLUMN,
+        2 * CASCADE + 3 * COLUMN,
+        3 * CASCADE + 2 * COLUMN,
+    ];
     pub const COLOR: usize = 320;
     pub const DIR_TO_LIGHT: usize = 336;
+    /// Followed by the other bias.
+    pub const SHADOW_DEPTH_BIAS: usize = 356;
     pub const OVERLAP: usize = 368;
     pub const BASE_INDEX: usize = 372;
 }
@@ -51,7 +60,7 @@ pub(super) fn write_uniforms(
     cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights), With<ExtractedView>>,
     views: Query<&ExtractedView>,
 ) {
-    let (Some(buffer), true) = (light_meta.view_gpu_lights.buffer(), target.size > 0) else {
+    let (Some(buffer), true) = (light_meta.view_gpu_lights.buffer(), target.size.x > 0) else {
         return;
     };
     let is_drawn = |view| {
@@ -69,16 +78,17 @@ pub(super) fn write_uniforms(
         };
         let last = MAX_DIRECTIONAL_LIGHTS - 1;
         let mut slots = vec![[0_f32; layout::LIGHT / 4]];
-        let stock_scale = target.stock_size as f32 / target.size as f32;
         write_at(
             &mut slots[0],
             layout::DIR_TO_LIGHT,
             &[
                 SLOT_MARK as f32,
-                stock_scale,
+                target.stock_size as f32,
                 overlay_code(extracted.overlay) as f32,
             ],
         );
+        let uv_per_texel = target.size.as_vec2().recip().to_array();
+        write_at(&mut slots[0], layout::SHADOW_DEPTH_BIAS, &uv_per_texel);
         let mut ours = 0;
         for light in &adopted.lights {
             let index = light.index as usize;
@@ -89,7 +99,7 @@ pub(super) fn write_uniforms(
             if ours == slots.len() {
                 slots.push([0.0; layout::LIGHT / 4]);
             }
-            fill_slot(&mut slots[ours], light, target.size as f32, is_drawn);
+            fill_slot(&mut slots[ours], light, is_drawn);
             for cascade in 0..light.cascades.len() {
                 // Bevy's texel sizes are positive: the sign tells the shader whose light it is.
                 let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
@@ -126,7 +136,6 @@ impl Lights<'_> {
 fn fill_slot(
     slot: &mut [f32; layout::LIGHT / 4],
     light: &AdoptedLight,
-    target_size: f32,
     is_drawn: impl Fn(Entity) -> bool,
 ) {
     let mut ends = [f32::MAX; MAX_CASCADES];
@@ -141,8 +150,8 @@ fn fill_slot(
             slot,
             field,
             &[
-                target_size.recip(),
-                cascade.map_size as f32,
+                cascade.map_size.x as f32,
+                cascade.map_size.y as f32,
                 f32::from(u8::from(cascade.has_map)) + f32::from(u8::from(is_drawn)),
                 light.options.border,
             ],
@@ -153,6 +162,17 @@ fn fill_slot(
             field + layout::COLUMN,
             &[cascade.blend_start, width, height, cascade.depth_per_metre],
         );
+        if let Some(wedge) = cascade.wedge {
+            write_at(slot, field + layout::TEXEL_SIZE, &[1.0 + wedge.side as f32]);
+            let [first, second] = wedge.normals;
+            // Of neighbouring sides, one lies where the other does not.
+            write_at(slot, layout::EDGES[wedge.side], &first.to_array());
+            write_at(
+                slot,
+                layout::EDGES[(wedge.side + 1) % 4],
+                &(-second).to_array(),
+            );
+        }
     }
     write_at(slot, layout::COLOR, &ends);
     let LookupOptions { filter, bias, .. } = &light.options;

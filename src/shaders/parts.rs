@@ -16,7 +16,9 @@ use bevy::{
 };
 
 use crate::{
-    config::{DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter},
+    config::{
+        CascadeFit, DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter,
+    },
     debug::ShadowOverlay,
     systems::ManagedLight,
 };
@@ -35,16 +37,18 @@ pub struct ShaderParts {
     pub stock: bool,
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
-    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit`](crate::CascadeFit)s other
+    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit`]s other
     /// than `Stable` need, whose texels are not square.
     pub tents: bool,
     /// [`ShadowFilter::Temporal`].
     pub temporal: bool,
     /// [`ShadowFilter::Soft`].
     pub soft: bool,
-    /// [`CascadeFit::Warped`](crate::CascadeFit), and maps in perspective that a system of your own puts
+    /// [`CascadeFit::Warped`], `Faces` and `Auto`, and maps in perspective that a system of your own puts
     /// into [`ShadowPlans`](crate::ShadowPlans).
     pub warps: bool,
+    /// [`CascadeFit::Faces`].
+    pub faces: bool,
     /// [`ShadowOverlay`].
     pub overlays: bool,
 }
@@ -58,6 +62,7 @@ impl ShaderParts {
         temporal: true,
         soft: true,
         warps: true,
+        faces: true,
         overlays: true,
     };
 
@@ -71,6 +76,7 @@ impl ShaderParts {
             temporal: matches!(filter, ShadowFilter::Temporal(_)),
             soft: matches!(filter, ShadowFilter::Soft { .. }),
             warps: config.fit.any(|fit| matches!(fit, MapFit::Warped(_))),
+            faces: config.fit == CascadeFit::Faces,
             ..Self::default()
         }
     }
@@ -83,12 +89,13 @@ impl ShaderParts {
             temporal: self.temporal || other.temporal,
             soft: self.soft || other.soft,
             warps: self.warps || other.warps,
+            faces: self.faces || other.faces,
             overlays: self.overlays || other.overlays,
         }
     }
 
     /// The switches of the shader library that leave all else out.
-    pub fn defs(self) -> [ShaderDefVal; 7] {
+    pub fn defs(self) -> [ShaderDefVal; 8] {
         [
             ("PSSM_STOCK", self.stock),
             ("PSSM_BIASES", self.biases),
@@ -96,6 +103,7 @@ impl ShaderParts {
             ("PSSM_TEMPORAL", self.temporal),
             ("PSSM_SOFT", self.soft),
             ("PSSM_WARPS", self.warps),
+            ("PSSM_FACES", self.faces),
             ("PSSM_OVERLAYS", self.overlays),
         ]
         .map(|(name, set)| ShaderDefVal::Bool(name.into(), set))

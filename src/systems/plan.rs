@@ -91,6 +91,7 @@ pub fn plan_shadows(
         .filter(|(_, _, _, camera, ..)| camera.is_active)
         .map(
             |(entity, transform, projection, camera, visible, has_fog)| {
+                let height = camera.physical_viewport_size().map_or(0, |size| size.y);
                 let seen = view_volume(transform, projection, camera).map(|volume| {
                     let receivers = if gathers {
                         let visible = visible.get(TypeId::of::<Mesh3d>()).iter().copied();
@@ -98,7 +99,7 @@ pub fn plan_shadows(
                     } else {
                         Receivers::everywhere(&volume)
                     };
-                    (volume, receivers, has_fog)
+                    (volume, receivers, has_fog, height)
                 });
                 (entity, seen)
             },
@@ -127,19 +128,15 @@ pub fn plan_shadows(
         for (view, seen) in &views {
             degenerate |= seen.is_none();
             let plan = match (seen, &frame) {
-                (Some((volume, receivers, has_fog)), Some(frame)) => {
-                    let everywhere = Receivers::everywhere(volume);
+                (Some((volume, receivers, has_fog, height)), Some(frame)) => {
+                    let fog = Receivers::fog(volume);
                     let inputs = PlanInputs {
                         view: volume,
                         light: frame,
                         config,
                         reach: config.lookup_reach(directional),
-                        // Fog is lit through the air.
-                        receivers: if in_fog && *has_fog {
-                            &everywhere
-                        } else {
-                            receivers
-                        },
+                        receivers: if in_fog && *has_fog { &fog } else { receivers },
+                        image_height: f64::from((*height).max(1)),
                     };
                     plan_cascades(&inputs, history.entry(*view).or_default())
                 }

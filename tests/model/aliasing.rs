@@ -1,13 +1,20 @@
 //! The error measure against reference values and closed forms.
 
 use bevy::math::{DMat3, DMat4, DVec2, DVec3};
-use bevy_pssm::SplitScheme;
-use bevy_pssm::geometry::{
-    aliasing::{Aliasing, closed_form},
-    face,
-    slice::ViewVolume,
-    split::split_planes,
-    warp::{BodyVertex, WarpFrame, slice_vertices},
+use bevy_pssm::{
+    CascadeFit, MapWarp, ParallelSplitShadows, SplitScheme,
+    geometry::{
+        aliasing::{Aliasing, closed_form},
+        body::ConvexBody,
+        face,
+        fit::LookupReach,
+        light_frame::LightFrame,
+        receivers::Receivers,
+        slice::ViewVolume,
+        split::split_planes,
+        warp::{BodyVertex, WarpFrame, body_vertices, lay, slice_vertices},
+    },
+    plan::{PlanHistory, PlanInputs, plan_cascades},
 };
 
 const REFERENCE: &str = include_str!("../reference/lloyd_storage.csv");
@@ -36,38 +43,30 @@ fn storage(frame: &WarpFrame, body: &[BodyVertex], strength: f64) -> f64 {
     frame.worst_aliasing(body, strength).unwrap().storage()
 }
 
-/// One map per slice; `strength` is that of the slice between two depths.
-fn of_slices(
-    planes: &[f64],
-    tan: f64,
-    light: DVec3,
-    strength: impl Fn(&WarpFrame, &[BodyVertex], f64, f64) -> f64,
-) -> f64 {
-    let frame = WarpFrame::of_view(&view(tan), -light).unwrap();
+/// One map per slice, warped as the plugin warps it.
+fn warped(warp: MapWarp, planes: &[f64], tan: f64, light: DVec3) -> f64 {
+    let view = view(tan);
     planes
         .windows(2)
         .map(|pair| {
-            let body = body(tan, pair[0], pair[1]);
-            let strength = strength(&frame, &body, pair[0], pair[1]);
-            storage(&frame, &body, strength)
+            let slice = view.slice(pair[0], pair[1]).unwrap();
+            let body = ConvexBody::of_slice(&slice);
+            let (frame, strength) = lay(warp, DVec3::NEG_Z, &view, -light, &body).unwrap();
+            storage(&frame, &body_vertices(&view, &body), strength)
         })
         .sum()
 }
 
 fn unwarped(planes: &[f64], tan: f64, light: DVec3) -> f64 {
-    of_slices(planes, tan, light, |_, _, _, _| 0.0)
+    warped(MapWarp::Strength(0.0), planes, tan, light)
 }
 
 fn lispsm(planes: &[f64], tan: f64, light: DVec3) -> f64 {
-    of_slices(planes, tan, light, |frame, _, near, far| {
-        frame.lispsm_strength(near, far)
-    })
+    warped(MapWarp::Lispsm, planes, tan, light)
 }
 
 fn minimax(planes: &[f64], tan: f64, light: DVec3) -> f64 {
-    of_slices(planes, tan, light, |frame, body, _, _| {
-        frame.minimax_strength(body)
-    })
+    warped(MapWarp::Minimax, planes, tan, light)
 }
 
 /// A map for each selected side of each slice, and one for the near face: storage and number
@@ -157,6 +156,59 @@ fn minimax_storage_equals_the_reference_and_is_close_to_the_best() {
         rows += 1;
     }
     assert_eq!(rows, 20);
+}
+
+/// What the plugin plans for a light has those storage factors, map by map.
+#[test]
+fn planned_cascades_have_the_reference_storage() {
+    let mut rows = 0;
+    for case in reference().filter(|case| !case.faces && case.planes.len() <= 5) {
+        let view = ViewVolume {
+            near: case.planes[0],
+            ..view(case.tan)
+        };
+        let planned = |warp| -> f64 {
+            let config = ParallelSplitShadows {
+                cascades: case.planes.len() as u32 - 1,
+                near: case.planes[0],
+                far: case.planes[case.planes.len() - 1],
+                splits: SplitScheme::Logarithmic,
+                blend: 0.0,
+                fit: CascadeFit::Warped(warp),
+                ..Default::default()
+            };
+            let inputs = PlanInputs {
+                view: &view,
+                light: &LightFrame::new(-case.light).unwrap(),
+                config: &config,
+                reach: LookupReach { texels: 0.0 },
+                receivers: &Receivers::everywhere(&view),
+                image_height: 1080.0,
+            };
+            let plans = plan_cascades(&inputs, &mut PlanHistory::default());
+            let storage = |plan: &bevy_pssm::plan::CascadePlan| {
+                plan.map.as_ref().unwrap().aliasing.unwrap().storage()
+            };
+            plans.iter().map(storage).sum()
+        };
+        let [printed, minimax, best] = case.storage;
+        let as_printed = if case.warped {
+            MapWarp::Lispsm
+        } else {
+            MapWarp::Strength(0.0)
+        };
+        let line = case.line;
+        let found = planned(as_printed);
+        let error = (found / printed.unwrap() - 1.0).abs();
+        assert!(error <= 1e-9, "{line}: found {found}");
+        if let (Some(minimax), Some(best)) = (minimax, best) {
+            let found = planned(MapWarp::Minimax);
+            assert!((found / minimax - 1.0).abs() <= 1e-6, "{line}: {found}");
+            assert!(found <= 1.19 * best, "{line}: {found}");
+        }
+        rows += 1;
+    }
+    assert!(rows >= 10, "{rows}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use bevy_pssm::geometry::{
     slice::ViewVolume,
     warp::{WarpFrame, slice_vertices},
 };
-use glam::DMat3;
+use glam::{DMat3, UVec2};
 use proptest::prelude::*;
 
 fn view(eye: DVec3) -> ViewVolume {
@@ -29,7 +29,12 @@ fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
     let slice = view.slice(2.0, 40.0).expect("it is not empty");
     let light = LightFrame::new(to_light).expect("a direction");
     if warp == 0.0 {
-        let map = fit::stable(&slice, &light, 512, LookupReach { texels: 5.0 });
+        let map = fit::stable(
+            &slice,
+            &light,
+            UVec2::splat(512),
+            LookupReach { texels: 5.0 },
+        );
         return map.clip_from_world(&light);
     }
     let frame = WarpFrame::of_view(&view, light.z).expect("a frame");
@@ -113,7 +118,7 @@ fn planes_across_the_light_have_no_slope_unwarped_and_edge_on_ones_a_bounded_one
 
 #[test]
 fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
-    let size = 512.0;
+    let size = DVec2::splat(512.0);
     let map = map(DVec3::ZERO, DVec3::Y, 0.0);
     let point = DVec3::new(0.3, -1.0, -9.0);
     let here = MapDerivatives::at(&map, point).expect("it is in the map");

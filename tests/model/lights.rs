@@ -23,7 +23,7 @@ use bevy_pssm::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans, prelude:
 #[derive(Resource, Default)]
 struct FoundByBevy(usize);
 
-fn app() -> App {
+pub fn app() -> App {
     app_with_assets(AssetPlugin::default())
 }
 
@@ -82,7 +82,7 @@ fn camera(app: &mut App) -> Entity {
         .id()
 }
 
-fn sun(app: &mut App, shadows: impl Bundle) -> Entity {
+pub fn sun(app: &mut App, shadows: impl Bundle) -> Entity {
     app.world_mut()
         .spawn((
             DirectionalLight::default(),

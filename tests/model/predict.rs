@@ -77,6 +77,7 @@ fn stable_predictions_equal_the_plans() {
         config: &config,
         reach,
         receivers: &Receivers::everywhere(&setup.view),
+        image_height: 1080.0,
     };
     let plans = plan_cascades(&inputs, &mut PlanHistory::default());
     for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {

@@ -39,6 +39,7 @@ fn plan_for(
         config,
         reach,
         receivers: &Receivers::everywhere(view),
+        image_height: 1080.0,
     };
     plan_cascades(&inputs, &mut PlanHistory::default())
 }

@@ -35,7 +35,12 @@ fn stage() -> Stage {
 fn each_map_has_its_span() {
     let mut stage = stage();
     let sun = stage.sun();
-    stage.world().entity_mut(sun).insert(shadows());
+    // Nothing is seen in the nearest slice.
+    let shadows = ParallelSplitShadows {
+        focus: ShadowFocus::Off,
+        ..shadows()
+    };
+    stage.world().entity_mut(sun).insert(shadows);
     let drawn = drawn(&mut stage);
     assert_eq!(
         drawn.iter().map(|(map, _)| *map).collect::<Vec<_>>(),

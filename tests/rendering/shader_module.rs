@@ -98,7 +98,7 @@ fn every_flag_combination_compiles() {
     switches.sort_unstable();
     switches.dedup();
     let mut compiled = 0;
-    for set in 0..128 {
+    for set in 0..256 {
         let has = |bit: u32| set & (1 << bit) != 0;
         let parts = ShaderParts {
             biases: has(0),
@@ -108,6 +108,7 @@ fn every_flag_combination_compiles() {
             warps: has(4),
             overlays: has(5),
             stock: has(6),
+            faces: has(7),
         };
         let mut shader = replacement.clone();
         shader.shader_defs = shader_defs(parts);
@@ -122,7 +123,7 @@ fn every_flag_combination_compiles() {
         let wide = parts.tents || parts.warps;
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
-            0 | 127 => &platforms[..],
+            0 | 255 => &platforms[..],
             _ => &platforms[set % 5..][..1],
         };
         cache.set_shader(module, shader);
@@ -150,6 +151,7 @@ fn every_flag_combination_compiles() {
                         wide && (parts.tents || filter == Some(GAUSSIAN)),
                     ),
                     ("cascade_color", parts.overlays),
+                    ("is_in_wedge", parts.faces),
                 ] {
                     assert_eq!(text.contains(name), part, "{name}: {parts:?}, {filter:?}");
                 }
@@ -157,5 +159,5 @@ fn every_flag_combination_compiles() {
             }
         }
     }
-    assert_eq!(compiled, (126 + 2 * 5) * 4);
+    assert_eq!(compiled, (254 + 2 * 5) * 4);
 }

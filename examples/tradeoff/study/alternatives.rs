@@ -79,7 +79,7 @@ impl Studio {
                 Some(Map {
                     clip_from_world,
                     world_from_clip: clip_from_world.inverse(),
-                    size: f64::from(plan.map_size),
+                    size: plan.map_size.as_dvec2(),
                     far: plan.far,
                     depths: HashMap::new(),
                 })
@@ -171,7 +171,7 @@ fn blurred(truth: &Truth, shares: &[Option<f32>], at_distance: f64) -> Vec<Optio
 struct Map {
     clip_from_world: DMat4,
     world_from_clip: DMat4,
-    size: f64,
+    size: DVec2,
     far: f64,
     depths: HashMap<[i32; 2], f64>,
 }

@@ -83,7 +83,7 @@ fn to_sun() -> Vec3 {
 #[derive(Debug, Clone, Copy)]
 struct LaidMap {
     clip_from_world: DMat4,
-    size: f64,
+    size: DVec2,
     far: f64,
 }
 
@@ -428,13 +428,13 @@ impl Studio {
             let map_of = |cascade: &CascadePlan| {
                 Some(LaidMap {
                     clip_from_world: cascade.map.as_ref()?.clip_from_world,
-                    size: f64::from(cascade.map_size),
+                    size: cascade.map_size.as_dvec2(),
                     far: cascade.far,
                 })
             };
             return cascades.into_iter().flatten().filter_map(map_of).collect();
         }
-        let size = world.resource::<DirectionalLightShadowMap>().size as f64;
+        let size = DVec2::splat(world.resource::<DirectionalLightShadowMap>().size as f64);
         let bounds = world.get::<CascadeShadowConfig>(sun).map(|c| &c.bounds);
         let cascades = world
             .get::<Cascades>(sun)

@@ -11,7 +11,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_pssm::{
-    prelude::*,
+    ShadowPlans,
     systems::{cull_casters, plan_shadows},
 };
 
@@ -28,8 +28,13 @@ pub struct Frame {
     pub casters: Vec<usize>,
     /// Their triangles, by cascade.
     pub triangles: Vec<usize>,
-    /// Texels per side, by cascade.
-    pub maps: Vec<u32>,
+    /// Texels along the axes, by cascade.
+    pub maps: Vec<UVec2>,
+}
+
+/// Texels of a map.
+fn area(size: UVec2) -> u64 {
+    u64::from(size.x) * u64::from(size.y)
 }
 
 impl Frame {
@@ -50,9 +55,13 @@ impl Frame {
             .flatten()
             .map(|list| list.entities.as_slice())
             .collect();
-        let config = world.get::<ParallelSplitShadows>(sun).filter(|_| ours);
-        let stock = world.resource::<DirectionalLightShadowMap>().size as u32;
-        let size = |index: usize| config.map_or(stock, |config| config.map_size.of_cascade(index));
+        let plans = world.get::<ShadowPlans>(sun).filter(|_| ours);
+        let plans = plans.and_then(|plans| plans.views.get(&camera));
+        let stock = UVec2::splat(world.resource::<DirectionalLightShadowMap>().size as u32);
+        let size = |index: usize| {
+            let plan = plans.and_then(|plans| plans.get(index));
+            plan.map_or(stock, |plan| plan.map_size)
+        };
         Self {
             gpu,
             cpu: [0.0; 2],
@@ -67,13 +76,18 @@ impl Frame {
 
     /// Texels of all maps.
     pub fn texels(&self) -> u64 {
-        self.maps.iter().map(|size| u64::from(*size).pow(2)).sum()
+        self.maps.iter().map(|size| area(*size)).sum()
     }
 
     /// Memory of the array texture (MiB): four bytes a texel, layers as large as the largest.
     pub fn mib(&self) -> f64 {
-        let largest = self.maps.iter().max().copied().unwrap_or(0);
-        let texels = u64::from(largest).pow(2) * self.maps.len() as u64;
+        let layer = self
+            .maps
+            .iter()
+            .copied()
+            .reduce(UVec2::max)
+            .unwrap_or_default();
+        let texels = area(layer) * self.maps.len() as u64;
         (texels * 4) as f64 / f64::from(1 << 20)
     }
 }

@@ -3,7 +3,7 @@
 
 use bevy::{
     light::{CascadeShadowConfig, Cascades, DirectionalLightShadowMap},
-    math::{DMat4, DVec3, DVec4},
+    math::{DMat4, DVec2, DVec3, DVec4},
     prelude::*,
 };
 use bevy_pssm::{
@@ -19,7 +19,7 @@ use super::accuracy::Truth;
 pub struct Map {
     clip_from_world: DMat4,
     axes: [DVec3; 2],
-    size: f64,
+    size: DVec2,
     far: f64,
     /// Worst over the cascade's slice, in texels across a pixel of a picture so many pixels high.
     predicted: Option<f64>,
@@ -44,7 +44,7 @@ pub fn maps_of(world: &World, camera: Entity, sun: Entity, near: f64, height: f6
                 axis(map.world_from_cascade.x_axis),
                 axis(map.world_from_cascade.y_axis),
             ],
-            size: f64::from(plan.map_size),
+            size: plan.map_size.as_dvec2(),
             far: plan.far,
             predicted: plan.texels_per_pixel(height),
         })
@@ -61,7 +61,7 @@ fn stock_maps(
 ) -> Option<Vec<Map>> {
     let config = world.get::<CascadeShadowConfig>(sun)?;
     let cascades = world.get::<Cascades>(sun)?.cascades.get(&camera)?;
-    let size = world.resource::<DirectionalLightShadowMap>().size as f64;
+    let size = DVec2::splat(world.resource::<DirectionalLightShadowMap>().size as f64);
     let view = view_volume(
         world.get::<GlobalTransform>(camera)?,
         world.get::<Projection>(camera)?,

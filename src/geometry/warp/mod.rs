@@ -10,7 +10,7 @@ mod lloyd;
 mod minimax;
 mod trapezoid;
 
-use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
+use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 
 use super::{
     aliasing::Aliasing,
@@ -166,11 +166,11 @@ impl WarpFrame {
         &self,
         body: &[BodyVertex],
         strength: f64,
-        map_size: u32,
+        map_size: UVec2,
         reach: LookupReach,
     ) -> (DMat4, DVec2) {
         let bare = self.clip_from_world(body, strength);
-        let size = f64::from(map_size);
+        let size = map_size.as_dvec2();
         let scale = usable(size, 2.0 * reach.texels) / size;
         let places = body
             .iter()
@@ -180,7 +180,7 @@ impl WarpFrame {
             (texel.max(map.texel(size) / scale), deepest.max(along_light))
         });
         let margin = reach.texels * texel.max_element() * deepest;
-        let fit = DMat4::from_scale(DVec3::new(scale, scale, (1.0 + 2.0 * margin).recip()))
+        let fit = DMat4::from_scale(scale.extend((1.0 + 2.0 * margin).recip()))
             * DMat4::from_translation(DVec3::Z * margin);
         (fit * bare, texel)
     }
@@ -212,19 +212,23 @@ impl WarpFrame {
     }
 }
 
-/// The frame and the strength (1/metres) of a warp over what is seen of a body. `None` if light
-/// or camera have no direction.
+/// The direction that a warp over what is seen of a body runs along. `None` if the camera has none.
+pub fn away(axis: WarpAxis, view: &ViewVolume, seen: &ConvexBody) -> Option<DVec3> {
+    match axis {
+        WarpAxis::View => forward(view),
+        WarpAxis::Middle => (seen.centroid() - view.eye).try_normalize(),
+    }
+}
+
+/// The frame and the strength (1/metres) of a warp along a direction, over what is seen of a body.
+/// `None` if light or camera have no direction.
 pub fn lay(
     warp: MapWarp,
-    axis: WarpAxis,
+    away: DVec3,
     view: &ViewVolume,
     to_light: DVec3,
     seen: &ConvexBody,
 ) -> Option<(WarpFrame, f64)> {
-    let away = match axis {
-        WarpAxis::View => forward(view)?,
-        WarpAxis::Middle => seen.centroid() - view.eye,
-    };
     let frame = WarpFrame::along_or_up(view, away, to_light)?;
     let body = body_vertices(view, seen);
     let (near, far) = extremes(seen.corners.iter().map(|corner| view.depth_of(*corner)));

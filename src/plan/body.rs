@@ -1,0 +1,101 @@
+//! The part of a slice that a map must cover.
+
+use glam::DVec3;
+
+use super::{CascadeHistory, PlanInputs, layout::is_focused};
+use crate::geometry::{
+    body::{ConvexBody, HalfSpace},
+    face::Wedge,
+    receivers::Bounds,
+    slice::Slice,
+    steady::Slack,
+};
+
+pub(super) struct Body {
+    pub slice: Slice,
+    /// What of the slice can receive shadows.
+    pub whole: ConvexBody,
+    /// From the configuration's near on: at the eye no map is large enough.
+    pub seen: ConvexBody,
+    /// Along what a warp runs, if that is not the configuration's.
+    pub axis: Option<DVec3>,
+}
+
+impl Body {
+    /// `None` if there is nothing in it.
+    pub fn new(
+        inputs: &PlanInputs,
+        interval: (f64, f64),
+        bounds: Bounds,
+        history: &mut CascadeHistory,
+    ) -> Option<Self> {
+        let body = Self::of_slice(inputs, interval)?;
+        if !is_focused(inputs) {
+            return Some(body);
+        }
+        let bounds = steady_bounds(bounds, inputs.config.slack, body.slice.radius, history);
+        body.clipped(&ConvexBody::planes_of_box(bounds))
+    }
+
+    /// All of a slice.
+    pub fn of_slice(inputs: &PlanInputs, (near, far): (f64, f64)) -> Option<Self> {
+        let PlanInputs { view, config, .. } = inputs;
+        let slice = view.slice(near, far)?;
+        let whole = ConvexBody::of_slice(&slice);
+        let per_depth = view.per_depth();
+        let normal = -per_depth.normalize();
+        let seen = whole.clone().within([HalfSpace {
+            normal,
+            distance: normal.dot(view.eye) - config.near / per_depth.length(),
+        }]);
+        Some(Self {
+            seen: if seen.is_empty() { whole.clone() } else { seen },
+            slice,
+            whole,
+            axis: None,
+        })
+    }
+
+    /// The part in a wedge, if there is any.
+    pub fn within(self, wedge: Wedge) -> Option<Self> {
+        let body = self.clipped(&wedge.planes)?;
+        Some(Self {
+            axis: Some(wedge.axis),
+            ..body
+        })
+    }
+
+    fn clipped(mut self, planes: &[HalfSpace]) -> Option<Self> {
+        self.whole = self.whole.within(planes.iter().copied());
+        self.seen = self.seen.within(planes.iter().copied());
+        if self.seen.is_empty() {
+            self.seen = self.whole.clone();
+        }
+        (!self.whole.is_empty()).then_some(self)
+    }
+}
+
+/// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
+const LEAST_THICKNESS: f64 = 1e-4;
+
+fn steady_bounds(
+    [lo, hi]: Bounds,
+    slack: f64,
+    radius: f64,
+    history: &mut CascadeHistory,
+) -> Bounds {
+    if !(lo.is_finite() && hi.is_finite()) {
+        return [lo, hi];
+    }
+    let pad = DVec3::splat(LEAST_THICKNESS * radius);
+    let needed = [lo - pad, hi + pad];
+    let held = history.bounds;
+    let axis = |axis: usize| {
+        let of = |[lo, hi]: Bounds| [lo[axis], hi[axis]];
+        Slack(slack).interval(of(needed), radius, held.map(of))
+    };
+    let [x, y, z] = [0, 1, 2].map(axis);
+    let bounds = [DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1])];
+    history.bounds = Some(bounds);
+    bounds
+}

@@ -1,0 +1,93 @@
+//! What [`CascadeFit::Auto`] chooses, from predictions.
+
+use super::{CascadeHistory, PlanInputs, body::Body, layout::Layout, map, size::even_size};
+use crate::{
+    config::{CascadeFit, MAX_CASCADES, MapFit, SplitScheme},
+    geometry::steady::Slack,
+};
+
+/// Pixels across a texel; finer is not sharper.
+const FINE_ENOUGH: f64 = 0.5;
+
+/// A choice is held until another is better by so much.
+const HOLD: f64 = 1.1;
+
+/// Pixels across a texel of a map, as predicted where they are most.
+fn coarseness(inputs: &PlanInputs, body: &Body, fit: MapFit) -> f64 {
+    let size = even_size(inputs.config);
+    map::lay(inputs, body, fit, size, Slack(0.0), &mut None)
+        .and_then(|laid| laid.aliasing(inputs, body))
+        .map_or(f64::INFINITY, |worst| {
+            let pixels = worst.pixels_per_texel(size.as_dvec2(), inputs.image_height);
+            (pixels.x * pixels.y).sqrt().max(FINE_ENOUGH)
+        })
+}
+
+/// The fit of a cascade and, if there was a choice, its coarseness.
+pub(super) fn fit(
+    inputs: &PlanInputs,
+    body: Option<&Body>,
+    index: usize,
+    held: Option<MapFit>,
+) -> (MapFit, f64) {
+    let mut fits = inputs.config.fit.of_cascade(index);
+    let first = fits.next().unwrap_or_default();
+    let (CascadeFit::Auto { prefer }, Some(body)) = (&inputs.config.fit, body) else {
+        return (held.unwrap_or(first), 0.0);
+    };
+    // How much finer a fit must be to be worth its edges' crawling.
+    let price = |fit: MapFit| {
+        let worth = prefer.share().recip();
+        let price = match fit {
+            MapFit::Stable => 1.0,
+            MapFit::Tight => 1.01 * worth.sqrt(),
+            MapFit::Warped(_) => 1.02 * worth,
+        };
+        if held == Some(fit) {
+            price / HOLD
+        } else {
+            price
+        }
+    };
+    let of = |fit| {
+        let coarse = coarseness(inputs, body, fit);
+        (fit, coarse, coarse * price(fit))
+    };
+    let best = fits.map(of).fold(
+        of(first),
+        |best, other| {
+            if other.2 < best.2 { other } else { best }
+        },
+    );
+    (best.0, best.1)
+}
+
+/// How many slices are worth a cascade: the fewest that are predicted to be about as sharp as any
+/// number is.
+pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], held: Option<usize>) -> usize {
+    let config = inputs.config;
+    let all = config.cascades as usize;
+    if !config.fit.chooses() || matches!(config.splits, SplitScheme::Manual(_)) {
+        return all;
+    }
+    let coarsest: Vec<f64> = (1..=all)
+        .map(|count| {
+            let layout = Layout::new(inputs, range, count);
+            let bodies = layout.bodies(inputs, &mut [CascadeHistory::default(); MAX_CASCADES]);
+            let coarse = |(index, body): (usize, &Option<Body>)| {
+                let (_, coarse) = fit(inputs, body.as_ref(), index, None);
+                coarse
+            };
+            bodies.iter().enumerate().map(coarse).fold(0.0, f64::max)
+        })
+        .collect();
+    let least = coarsest.iter().copied().fold(f64::INFINITY, f64::min);
+    let fewest = |share: f64| {
+        let good = coarsest.iter().position(|coarse| *coarse <= share * least);
+        good.map_or(all, |index| index + 1)
+    };
+    match held {
+        Some(held) if coarsest[held - 1] <= HOLD * HOLD * least => held.min(fewest(HOLD.sqrt())),
+        _ => fewest(HOLD),
+    }
+}

@@ -1,0 +1,156 @@
+//! Where cascades begin and end.
+
+use super::{CascadeHistory, PlanInputs, body::Body};
+use crate::{
+    config::{CascadeFit, MapFit, ParallelSplitShadows, ShadowFocus, SplitScheme},
+    geometry::{body::ConvexBody, face::Wedge, split::split_planes, steady::Slack},
+};
+
+/// Slices along the view and, where faces have maps of their own, wedges across it: each slice has
+/// one cascade for each wedge.
+pub(super) struct Layout<'a> {
+    config: &'a ParallelSplitShadows,
+    /// One more than slices that cascades may be for; planes of those not in use lie at the end.
+    planes: Vec<f64>,
+    /// Where whatever receives shadows ends.
+    range_far: f64,
+    slices: usize,
+    wedges: Vec<Wedge>,
+}
+
+impl<'a> Layout<'a> {
+    pub fn new(inputs: &PlanInputs<'a>, [near, far]: [f64; 2], slices: usize) -> Self {
+        let config = inputs.config;
+        let wedges = wedges(inputs);
+        let slices = slices.min(config.cascades as usize / wedges.len().max(1));
+        let mut planes = split_planes(&config.splits, near, far, slices);
+        planes.resize(config.cascades as usize + 1, far);
+        Self {
+            config,
+            planes,
+            range_far: far,
+            slices,
+            wedges,
+        }
+    }
+
+    fn slice(&self, index: usize) -> usize {
+        index / self.wedges.len().max(1)
+    }
+
+    /// The wedge that a cascade is for.
+    pub fn wedge(&self, index: usize) -> Option<Wedge> {
+        let count = self.wedges.len();
+        (index < self.slices * count).then(|| self.wedges[index % count])
+    }
+
+    /// Depth at which a cascade begins to give way.
+    pub fn blend_start(&self, index: usize) -> f64 {
+        self.blend_start_of(self.slice(index))
+    }
+
+    fn blend_start_of(&self, slice: usize) -> f64 {
+        let far = self.planes[slice + 1];
+        let share = if far >= self.config.far {
+            // Where the last planes fall together, the first to reach them is the last to be seen.
+            self.config.fade
+        } else if far >= self.range_far {
+            // Nothing is farther.
+            0.0
+        } else {
+            self.config.blend
+        };
+        far - share * (far - self.planes[slice])
+    }
+
+    /// Depths that a cascade must cover.
+    pub fn interval(&self, index: usize) -> (f64, f64) {
+        let slice = self.slice(index);
+        let near = if slice == 0 {
+            f64::NEG_INFINITY
+        } else {
+            self.blend_start_of(slice - 1)
+        };
+        (near, self.planes[slice + 1])
+    }
+
+    /// What the cascades in use must cover.
+    pub fn bodies(&self, inputs: &PlanInputs, held: &mut [CascadeHistory]) -> Vec<Option<Body>> {
+        let used = self.slices * self.wedges.len().max(1);
+        let intervals: Vec<_> = (0..used).map(|index| self.interval(index)).collect();
+        let bounds = inputs.receivers.bounds_between(&intervals);
+        (0..used)
+            .map(|index| {
+                let slice = self.slice(index);
+                // Where planes fall together the cascade before already reaches this far.
+                (self.planes[slice] < self.planes[slice + 1])
+                    .then(|| {
+                        let body =
+                            Body::new(inputs, intervals[index], bounds[index], &mut held[index])?;
+                        match self.wedge(index) {
+                            Some(wedge) => body.within(wedge),
+                            None => Some(body),
+                        }
+                    })
+                    .flatten()
+            })
+            .collect()
+    }
+}
+
+fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
+    // Fog looks its cascade up by depth alone.
+    if inputs.config.fit == CascadeFit::Faces && !inputs.receivers.has_fog() {
+        Wedge::of_view(inputs.view, inputs.light.z)
+    } else {
+        Vec::new()
+    }
+}
+
+/// Whether maps are fitted to what receives shadows.
+pub(super) fn is_focused(inputs: &PlanInputs) -> bool {
+    inputs.config.focus == ShadowFocus::Receivers && !inputs.receivers.are_everywhere()
+}
+
+/// Slack of the range of depths where maps may be stable.
+const STABLE_SLACK: f64 = 0.25;
+
+/// The depths between which splits are spread: those at which anything receives shadows.
+pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Option<f64>; 2]) -> [f64; 2] {
+    let PlanInputs { view, config, .. } = inputs;
+    let whole = [config.near, config.far];
+    let chooses = config.fit.chooses();
+    let is_stable = config.fit.any(|fit| fit == MapFit::Stable) && !chooses;
+    let is_fixed = is_stable || matches!(config.splits, SplitScheme::Manual(_));
+    if is_fixed || !is_focused(inputs) {
+        return whole;
+    }
+    let Some(slice) = view.slice(config.near, config.far) else {
+        return whole;
+    };
+    let [bounds] = inputs
+        .receivers
+        .bounds_between(&[(config.near, config.far)])[..]
+    else {
+        return whole;
+    };
+    let body = ConvexBody::of_slice(&slice).within(ConvexBody::planes_of_box(bounds));
+    let [mut near, mut far] = inputs.receivers.depths();
+    let depths = body.corners.iter().map(|corner| view.depth_of(*corner));
+    let nearest = depths.clone().fold(f64::INFINITY, f64::min);
+    let farthest = depths.fold(f64::NEG_INFINITY, f64::max);
+    near = near.max(nearest).max(config.near);
+    far = far.min(farthest).min(config.far);
+    if near >= far {
+        return whole;
+    }
+    // Where maps may be stable, planes should be, too.
+    let slack = Slack(if chooses {
+        config.slack.max(STABLE_SLACK)
+    } else {
+        config.slack
+    });
+    let range = [slack.shorter(near, held[0]), slack.length(far, held[1])];
+    *held = range.map(Some);
+    [range[0].max(config.near), range[1].min(config.far)]
+}

@@ -1,0 +1,169 @@
+//! From a view, a light and a configuration to the cascades that will be drawn: one pure
+//! function, no ECS, that calls [`geometry`](crate::geometry) in order.
+
+mod body;
+mod choose;
+mod layout;
+mod map;
+mod size;
+
+use glam::{DMat4, DVec2, UVec2};
+
+use crate::{
+    config::{MAX_CASCADES, MapFit, ParallelSplitShadows},
+    geometry::{
+        aliasing::Aliasing,
+        face::Wedge,
+        fit::LookupReach,
+        hull::CasterHull,
+        light_frame::LightFrame,
+        receivers::{Bounds, Receivers},
+        slice::ViewVolume,
+        steady::Slack,
+    },
+};
+
+use layout::Layout;
+
+/// One cascade of one light for one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CascadePlan {
+    /// Depth at which the cascade takes over, blend band included (metres from the eye).
+    pub near: f64,
+    /// Depth at which it ends (metres from the eye).
+    pub far: f64,
+    /// Depth at which blending into the next cascade, or for the last one into light, begins.
+    pub blend_start: f64,
+    /// The part of the view's cross-section that it is for, if faces of the view have maps of their
+    /// own; all cascades of a slice have the same depths.
+    pub wedge: Option<Wedge>,
+    /// Texels along the map's axes.
+    pub map_size: UVec2,
+    /// The map's extent; `None` if the camera sees nothing in this interval that receives shadows:
+    /// no map at all.
+    pub map: Option<CascadeMap>,
+}
+
+/// The extent of a cascade's map and which casters matter to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CascadeMap {
+    /// World space to the map's clip space: NDC z in [0, 1], greater towards the light; `w` is 1
+    /// unless the map is warped, and above 0 wherever light can reach the body.
+    pub clip_from_world: DMat4,
+    /// The cascade's own frame (x, y along the map, z to the light, origin on the near face) to
+    /// clip space.
+    pub clip_from_cascade: DMat4,
+    /// The cascade's own frame to world space.
+    pub world_from_cascade: DMat4,
+    /// Size of a texel along the map's axes, where it is largest (metres).
+    pub texel: DVec2,
+    /// How the map is laid over its slice: as configured, or chosen.
+    pub fit: MapFit,
+    /// How strongly the map is warped (1/metres; the reciprocal of the distance from the centre of
+    /// projection to the body); 0 if it is not.
+    pub strength: f64,
+    /// Where casters can stand that matter to what receives shadows in the slice.
+    pub hull: CasterHull,
+    /// The worst aliasing over what receives shadows, for a map of one texel and an image one pixel high
+    /// (Lloyd et al. 2006, Eq. 1, perspective part). For the first cascade, from the
+    /// configuration's `near` on: at the eye no map is large enough. `None` where the map has no
+    /// image of a corner.
+    pub aliasing: Option<Aliasing>,
+}
+
+impl CascadePlan {
+    /// Texels across a pixel where they are fewest, in an image `image_height` pixels high:
+    /// below one, texels show. `None` without a map.
+    pub fn texels_per_pixel(&self, image_height: f64) -> Option<f64> {
+        let aliasing = self.map.as_ref()?.aliasing?;
+        let pixels_per_texel = aliasing.pixels_per_texel(self.map_size.as_dvec2(), image_height);
+        Some(pixels_per_texel.max_element().recip())
+    }
+}
+
+/// What a plan is made from.
+#[derive(Debug, Clone, Copy)]
+pub struct PlanInputs<'a> {
+    /// What the camera sees.
+    pub view: &'a ViewVolume,
+    /// The light's frame.
+    pub light: &'a LightFrame,
+    /// Must have passed [`ParallelSplitShadows::validate`].
+    pub config: &'a ParallelSplitShadows,
+    /// What lookups reach ([`ParallelSplitShadows::lookup_reach`]).
+    pub reach: LookupReach,
+    /// What receives shadows before the camera.
+    pub receivers: &'a Receivers,
+    /// Height of the picture (pixels): no fit need be sharper.
+    pub image_height: f64,
+}
+
+/// What fitted maps hold on to from frame to frame; one for each view of a light.
+#[derive(Debug, Default, Clone, PartialEq)]
+pub struct PlanHistory {
+    /// What it was made with: another configuration starts anew.
+    config: Option<ParallelSplitShadows>,
+    /// Depths between which splits are spread.
+    range: [Option<f64>; 2],
+    /// Slices in use.
+    slices: Option<usize>,
+    cascades: [CascadeHistory; MAX_CASCADES],
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+struct CascadeHistory {
+    bounds: Option<Bounds>,
+    /// Of a tight map (metres).
+    extent: Option<DVec2>,
+    fit: Option<MapFit>,
+    /// Of a map from a budget (texels).
+    size: Option<DVec2>,
+}
+
+/// Plans all cascades of a light for a view.
+pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
+    let config = inputs.config;
+    if history.config.as_ref() != Some(config) {
+        *history = PlanHistory {
+            config: Some(config.clone()),
+            ..PlanHistory::default()
+        };
+    }
+    let range = layout::split_range(inputs, &mut history.range);
+    let slices = choose::slice_count(inputs, range, history.slices);
+    history.slices = Some(slices);
+    let layout = Layout::new(inputs, range, slices);
+
+    let held = &mut history.cascades;
+    let bodies = layout.bodies(inputs, held);
+    let fits: Vec<_> = bodies
+        .iter()
+        .enumerate()
+        .map(|(index, body)| {
+            let (fit, _) = choose::fit(inputs, body.as_ref(), index, held[index].fit);
+            held[index].fit = Some(fit);
+            fit
+        })
+        .collect();
+    let sizes = size::map_sizes(inputs, &layout, &bodies, &fits, held);
+    (0..config.cascades as usize)
+        .map(|index| {
+            let (near, far) = layout.interval(index);
+            let body = bodies.get(index).and_then(Option::as_ref);
+            let map = body.and_then(|body| {
+                let slack = Slack(config.slack);
+                let extent = &mut held[index].extent;
+                let laid = map::lay(inputs, body, fits[index], sizes[index], slack, extent)?;
+                map::finish(inputs, body, laid)
+            });
+            CascadePlan {
+                near,
+                far,
+                blend_start: layout.blend_start(index),
+                wedge: layout.wedge(index),
+                map_size: sizes[index],
+                map,
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,70 @@
+//! How large maps are.
+
+use glam::{DVec2, UVec2};
+
+use super::{CascadeHistory, PlanInputs, body::Body, layout::Layout, map};
+use crate::{
+    config::{MIN_MAP_SIZE, MapFit, MapSize, ParallelSplitShadows},
+    geometry::{aliasing::Aliasing, steady::Slack},
+};
+
+/// Sizes from a budget change in steps no smaller than this: with the largest all memory is
+/// allocated anew.
+const LEAST_SLACK: f64 = 0.05;
+
+/// A size for predictions before sizes are known.
+pub(super) fn even_size(config: &ParallelSplitShadows) -> UVec2 {
+    match config.map_size {
+        MapSize::Budget(texels) => {
+            let even = f64::from(texels) / f64::from(config.cascades);
+            UVec2::splat(even.sqrt() as u32)
+        }
+        _ => config.map_size.of_cascade(0).unwrap_or_default(),
+    }
+}
+
+/// Texels along the axes of all cascades: as configured, or shares of the budget.
+pub(super) fn map_sizes(
+    inputs: &PlanInputs,
+    layout: &Layout,
+    bodies: &[Option<Body>],
+    fits: &[MapFit],
+    held: &mut [CascadeHistory],
+) -> Vec<UVec2> {
+    let config = inputs.config;
+    let count = config.cascades as usize;
+    let MapSize::Budget(budget) = config.map_size else {
+        let of_cascade = |index| config.map_size.of_cascade(index);
+        return (0..count).filter_map(of_cascade).collect();
+    };
+    let even = even_size(config);
+    let predicted = |index: usize| -> Option<Aliasing> {
+        let fit = fits[index];
+        // A stable map's size must not depend on what is in its slice.
+        let whole = (fit == MapFit::Stable)
+            .then(|| Body::of_slice(inputs, layout.interval(index)))
+            .flatten();
+        let body = whole.as_ref().or(bodies[index].as_ref())?;
+        map::lay(inputs, body, fit, even, Slack(0.0), &mut None)?.aliasing(inputs, body)
+    };
+    let aliasing: Vec<_> = (0..bodies.len()).map(predicted).collect();
+    let total: f64 = aliasing.iter().flatten().map(|it| it.storage()).sum();
+    let slack = Slack(config.slack.max(LEAST_SLACK));
+    let [least, most] = [0.5, 2.0].map(|share| share * even.as_dvec2());
+    (0..count)
+        .map(|index| {
+            let Some(aliasing) = aliasing.get(index).copied().flatten() else {
+                return UVec2::splat(MIN_MAP_SIZE);
+            };
+            let texels = f64::from(budget) * aliasing.storage() / total;
+            let wanted = aliasing.balanced_resolution(texels).clamp(least, most);
+            let held = &mut held[index].size;
+            let size = DVec2::new(
+                slack.shorter(wanted.x, held.map(|held| held.x)),
+                slack.shorter(wanted.y, held.map(|held| held.y)),
+            );
+            *held = Some(size);
+            size.as_uvec2().max(UVec2::splat(MIN_MAP_SIZE))
+        })
+        .collect()
+}
