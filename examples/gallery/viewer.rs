@@ -201,7 +201,8 @@ fn following(overlay: ShadowOverlay) -> ShadowOverlay {
         ShadowOverlay::CascadeTint => ShadowOverlay::Light,
         ShadowOverlay::Light => ShadowOverlay::Bias,
         ShadowOverlay::Bias => ShadowOverlay::TexelsPerPixel,
-        ShadowOverlay::TexelsPerPixel | ShadowOverlay::Cascade => ShadowOverlay::None,
+        ShadowOverlay::TexelsPerPixel => ShadowOverlay::TexelGrid,
+        ShadowOverlay::TexelGrid | ShadowOverlay::Cascade => ShadowOverlay::None,
     }
 }
 

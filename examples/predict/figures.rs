@@ -1,4 +1,4 @@
-//! The curves of two figures of Lloyd et al. 2006, from maps laid over slices and faces; the
+//! Figures of Lloyd et al. 2006, from maps laid over slices and faces; the
 //! paper has them from closed forms.
 
 use core::error::Error;
@@ -19,11 +19,13 @@ use bevy_pssm::{
 use glam::{DMat3, DVec2, DVec3};
 use serde::Serialize;
 
-use super::plot;
+use super::{hemisphere, plot};
 
 /// A figure of the paper.
 #[derive(clap::ValueEnum, Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
+    /// Figure 7: storage factor over the hemisphere of directions that light comes from.
+    Lloyd7,
     /// Figure 10: storage factor over the number of z-partitions, light from above.
     Lloyd10,
     /// Figure 12: storage factor over the number of shadow maps, light from above and behind.
@@ -46,6 +48,9 @@ pub enum Scheme {
     Depth,
     #[serde(rename = "ZP+W")]
     DepthWarped,
+    /// Warped as in Wimmer et al. 2004, not for the least worst error.
+    #[serde(rename = "ZP+LiSPSM")]
+    DepthLispsm,
     #[serde(rename = "FP+ZP+W")]
     FacesDepthWarped,
     /// Not a set of maps: one map under the best of all parametrisations.
@@ -78,15 +83,17 @@ impl Figure {
     /// Its name in file names.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Lloyd7 => "lloyd7",
             Self::Lloyd10 => "lloyd10",
             Self::Lloyd12 => "lloyd12",
         }
     }
 
-    /// All points, curve by curve. `None` would be a slice without a map.
+    /// All points of a figure of curves, curve by curve. `None` would be a slice without a map.
     pub fn points(self) -> Option<Vec<Point>> {
         use {Light::*, Scheme::*};
         let curves: &[(Light, Scheme, u32)] = match self {
+            Self::Lloyd7 => &[],
             Self::Lloyd10 => &[
                 (Overhead, Depth, PARTITIONS),
                 (Overhead, DepthWarped, PARTITIONS),
@@ -121,16 +128,24 @@ impl Figure {
 
 /// Writes a figure into a folder: its points and its plot.
 pub fn write(figure: Figure, folder: &Path) -> Result<[PathBuf; 2], Box<dyn Error>> {
-    let points = figure.points().ok_or("a slice has no map")?;
+    let no_map = "a slice has no map";
     let files = ["csv", "svg"].map(|kind| folder.join(figure.name()).with_extension(kind));
     let context = |error: &dyn Error| format!("{}: {error}", folder.display());
     fs::create_dir_all(folder).map_err(|error| context(&error))?;
     let mut writer = csv::Writer::from_path(&files[0]).map_err(|error| context(&error))?;
-    for point in &points {
-        writer.serialize(point)?;
-    }
+    let document = if figure == Figure::Lloyd7 {
+        let spots = hemisphere::spots().ok_or(no_map)?;
+        spots.iter().try_for_each(|spot| writer.serialize(spot))?;
+        hemisphere::svg(&spots)?
+    } else {
+        let points = figure.points().ok_or(no_map)?;
+        points
+            .iter()
+            .try_for_each(|point| writer.serialize(point))?;
+        plot::svg(figure, &points)?
+    };
     writer.flush()?;
-    fs::write(&files[1], plot::svg(figure, &points)?).map_err(|error| context(&error))?;
+    fs::write(&files[1], document).map_err(|error| context(&error))?;
     Ok(files)
 }
 
@@ -138,7 +153,9 @@ fn tan_theta() -> f64 {
     THETA.to_radians().tan()
 }
 
-fn point(light: Light, scheme: Scheme, partitions: u32) -> Option<Point> {
+/// The storage factor of a scheme for light from a direction (unit vector; the camera looks along
+/// −z). `None` would be a slice without a map.
+pub fn storage(scheme: Scheme, to_light: DVec3, partitions: u32) -> Option<f64> {
     let tan = DVec2::splat(tan_theta());
     let view = ViewVolume {
         eye: DVec3::ZERO,
@@ -148,18 +165,22 @@ fn point(light: Light, scheme: Scheme, partitions: u32) -> Option<Point> {
         near: 0.0,
         far: f64::INFINITY,
     };
+    let planes = split_planes(&SplitScheme::Logarithmic, 1.0, RATIO, partitions as usize);
+    let slices = planes.windows(2).map(|pair| view.slice(pair[0], pair[1]));
+    let slices: Vec<_> = slices.collect::<Option<_>>()?;
+    if scheme == Scheme::FacesDepthWarped {
+        of_faces(&view, &slices, to_light)
+    } else {
+        of_slices(&view, &slices, to_light, scheme)
+    }
+}
+
+fn point(light: Light, scheme: Scheme, partitions: u32) -> Option<Point> {
     let to_light = match light {
         Light::Overhead => DVec3::Y,
         Light::Behind => DVec3::Z,
     };
-    let planes = split_planes(&SplitScheme::Logarithmic, 1.0, RATIO, partitions as usize);
-    let slices = planes.windows(2).map(|pair| view.slice(pair[0], pair[1]));
-    let slices: Vec<_> = slices.collect::<Option<_>>()?;
-    let storage_factor = if scheme == Scheme::FacesDepthWarped {
-        of_faces(&view, &slices, to_light)?
-    } else {
-        of_slices(&view, &slices, to_light, scheme == Scheme::DepthWarped)?
-    };
+    let storage_factor = storage(scheme, to_light, partitions)?;
     let maps = match (scheme, light) {
         // As many sides get a map as some direction of light needs, or the number would change
         // with it and shadows would pop.
@@ -176,14 +197,15 @@ fn point(light: Light, scheme: Scheme, partitions: u32) -> Option<Point> {
     })
 }
 
-fn of_slices(view: &ViewVolume, slices: &[Slice], to_light: DVec3, warped: bool) -> Option<f64> {
+fn of_slices(view: &ViewVolume, slices: &[Slice], to_light: DVec3, scheme: Scheme) -> Option<f64> {
     let frame = WarpFrame::of_view(view, to_light)?;
     let of_slice = |slice: &Slice| {
         let body = slice_vertices(slice);
-        let strength = if warped {
-            frame.minimax_strength(&body)
-        } else {
-            0.0
+        let depth = |corner: usize| view.depth_of(slice.corners[corner]);
+        let strength = match scheme {
+            Scheme::DepthWarped => frame.guarded_minimax_strength(&body),
+            Scheme::DepthLispsm => frame.lispsm_strength(depth(0), depth(4)),
+            _ => 0.0,
         };
         Some(frame.worst_aliasing(&body, strength)?.storage())
     };

@@ -7,6 +7,7 @@
 mod arguments;
 mod cascades;
 mod figures;
+mod hemisphere;
 mod plot;
 mod report;
 

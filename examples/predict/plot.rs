@@ -8,13 +8,17 @@ use plotters::{coord::Shift, element::DashedPathElement, prelude::*, style::regi
 use super::figures::{Figure, Light, Point, RATIO, Scheme, THETA};
 
 const SIZE: (u32, u32) = (900, 600);
-const FONT: &str = "sans-serif";
+pub const FONT: &str = "sans-serif";
 const DASH: i32 = 6;
+
+/// Gives the plotter a font. It only measures text; what shows it has fonts of its own.
+pub fn register() -> Result<(), &'static str> {
+    register_font(FONT, FontStyle::Normal, DEFAULT_FONT_DATA).map_err(|_| "the font is broken")
+}
 
 /// The figure as an SVG document.
 pub fn svg(figure: Figure, points: &[Point]) -> Result<String, Box<dyn Error>> {
-    // Only measures text; what shows it has fonts of its own.
-    register_font(FONT, FontStyle::Normal, DEFAULT_FONT_DATA).map_err(|_| "the font is broken")?;
+    register()?;
     let mut document = String::new();
     draw(
         SVGBackend::with_string(&mut document, SIZE).into_drawing_area(),
@@ -31,11 +35,11 @@ fn draw(
 ) -> Result<(), Box<dyn Error>> {
     area.fill(&WHITE)?;
     let (what, over) = match figure {
-        Figure::Lloyd10 => ("light overhead", "z-partitions"),
+        Figure::Lloyd7 | Figure::Lloyd10 => ("light overhead", "z-partitions"),
         Figure::Lloyd12 => ("light overhead and behind", "shadow maps"),
     };
     let across = |point: &Point| match figure {
-        Figure::Lloyd10 => point.partitions,
+        Figure::Lloyd7 | Figure::Lloyd10 => point.partitions,
         Figure::Lloyd12 => point.maps,
     };
     let last = points.iter().filter_map(across).max().unwrap_or(1);
@@ -114,7 +118,7 @@ fn draw(
 fn style(scheme: Scheme) -> ShapeStyle {
     let color = match scheme {
         Scheme::Depth => RGBColor(200, 60, 20),
-        Scheme::DepthWarped => RGBColor(20, 100, 180),
+        Scheme::DepthWarped | Scheme::DepthLispsm => RGBColor(20, 100, 180),
         Scheme::FacesDepthWarped => RGBColor(30, 130, 60),
         Scheme::Optimum => RGBColor(90, 90, 90),
     };
@@ -124,7 +128,7 @@ fn style(scheme: Scheme) -> ShapeStyle {
 fn label(light: Light, scheme: Scheme) -> &'static str {
     match (light, scheme) {
         (Light::Overhead, Scheme::Depth) => "ZP, overhead",
-        (Light::Overhead, Scheme::DepthWarped) => "ZP+W, overhead",
+        (Light::Overhead, Scheme::DepthWarped | Scheme::DepthLispsm) => "ZP+W, overhead",
         (Light::Overhead, Scheme::FacesDepthWarped) => "FP+ZP+W, overhead",
         (Light::Behind, Scheme::FacesDepthWarped) => "FP+ZP+W, behind",
         (Light::Behind, _) => "ZP and ZP+W, behind",

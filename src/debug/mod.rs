@@ -29,4 +29,10 @@ pub enum ShadowOverlay {
     /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
     /// one, texels show.
     TexelsPerPixel,
+    /// The texels of the map, as a chequerboard of squares of [`GRID_TEXELS`] a side in the cascade's
+    /// colour; darker in shadow (as Lloyd et al. 2006, Figs. 2 and 15).
+    TexelGrid,
 }
+
+/// Texels along the sides of the squares of [`ShadowOverlay::TexelGrid`].
+pub const GRID_TEXELS: u32 = 32;

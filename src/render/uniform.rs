@@ -193,6 +193,7 @@ fn overlay_code(overlay: ShadowOverlay) -> u32 {
         ShadowOverlay::Cascade => code::OVERLAY_CASCADE,
         ShadowOverlay::Bias => code::OVERLAY_BIAS,
         ShadowOverlay::TexelsPerPixel => code::OVERLAY_TEXELS,
+        ShadowOverlay::TexelGrid => code::OVERLAY_GRID,
     }
 }
 

@@ -26,6 +26,7 @@ use bevy::{
 
 use crate::{
     config::{GAUSSIAN_TEXELS, MAX_FILTER_TEXELS, TEMPORAL_TEXELS},
+    debug::GRID_TEXELS,
     geometry::bias,
     render::GpuSupport,
     systems::PssmSystems,
@@ -57,10 +58,11 @@ pub(crate) mod code {
     pub const OVERLAY_CASCADE: u32 = 3;
     pub const OVERLAY_BIAS: u32 = 4;
     pub const OVERLAY_TEXELS: u32 = 5;
+    pub const OVERLAY_GRID: u32 = 6;
 }
 
 /// Constants of the library, `constants::…` there. Fractions by their reciprocals.
-const CONSTANTS: [(&str, u32); 21] = [
+const CONSTANTS: [(&str, u32); 23] = [
     ("PSSM_MARK", SLOT_MARK),
     ("PSSM_ROUNDING", bias::ROUNDING_RECIPROCAL),
     ("PSSM_EDGE_ON", bias::EDGE_ON_RECIPROCAL),
@@ -88,6 +90,8 @@ const CONSTANTS: [(&str, u32); 21] = [
     ("PSSM_OVERLAY_CASCADE", code::OVERLAY_CASCADE),
     ("PSSM_OVERLAY_BIAS", code::OVERLAY_BIAS),
     ("PSSM_OVERLAY_TEXELS", code::OVERLAY_TEXELS),
+    ("PSSM_OVERLAY_GRID", code::OVERLAY_GRID),
+    ("PSSM_GRID_TEXELS", GRID_TEXELS),
 ];
 
 const IMPORTS: &str = "

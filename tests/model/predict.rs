@@ -6,6 +6,8 @@ mod arguments;
 mod cascades;
 #[path = "../../examples/predict/figures.rs"]
 mod figures;
+#[path = "../../examples/predict/hemisphere.rs"]
+mod hemisphere;
 #[path = "../../examples/predict/plot.rs"]
 mod plot;
 #[path = "../../examples/predict/report.rs"]
@@ -313,7 +315,7 @@ fn curves_equal_the_closed_forms() {
             let (expected, maps) = match (light, scheme) {
                 (_, Scheme::Optimum) => (5.98229, None),
                 (Light::Overhead, Scheme::Depth) => (closed_form::overhead(RATIO, tan, k), Some(k)),
-                (Light::Overhead, Scheme::DepthWarped) => {
+                (Light::Overhead, Scheme::DepthWarped | Scheme::DepthLispsm) => {
                     (closed_form::overhead_warped(RATIO, tan, k), Some(k))
                 }
                 (Light::Overhead, Scheme::FacesDepthWarped) => {
@@ -359,6 +361,55 @@ fn curves_pass_through_known_values() {
     }
 }
 
+/// As Lloyd et al. 2006 say of their figure 7: without a warp high everywhere; with one lowest from
+/// above and as high as without from behind and in front; with faces low there, too.
+#[test]
+fn the_hemisphere_is_as_the_paper_says() {
+    let spots = hemisphere::spots().unwrap();
+    let at = |scheme, across: f64, up: f64| {
+        let is = |spot: &&hemisphere::Spot| {
+            spot.scheme == scheme && (spot.across - across).hypot(spot.up - up) < 1e-9
+        };
+        spots.iter().find(is).unwrap().storage_factor
+    };
+    let of = |scheme| spots.iter().filter(move |spot| spot.scheme == scheme);
+    let [above, behind, before] = [(0.0, 0.0), (-1.0, 0.0), (1.0, 0.0)];
+    for (scheme, expected) in [
+        (Scheme::Depth, [865_159.378, 1e6, 1e6]),
+        (Scheme::DepthLispsm, [865.15938, 1e6, 1e6]),
+        (Scheme::DepthWarped, [865.15938, 1e6, 1e6]),
+        (Scheme::FacesDepthWarped, [865.15938, 1999.0, 1999.0]),
+    ] {
+        for ((across, up), expected) in [above, behind, before].into_iter().zip(expected) {
+            let found = at(scheme, across, up);
+            approx::assert_relative_eq!(found, expected, max_relative = 1e-6);
+        }
+        let least = of(scheme)
+            .map(|spot| spot.storage_factor)
+            .fold(f64::INFINITY, f64::min);
+        if scheme != Scheme::Depth {
+            assert!(least > 0.7 * 865.0, "{scheme:?}: {least}");
+        }
+    }
+    let worst = |scheme| {
+        of(scheme)
+            .map(|spot| spot.storage_factor)
+            .fold(0.0, f64::max)
+    };
+    // A box along the diagonal of a square picture.
+    assert!((1.9e6..2.01e6).contains(&worst(Scheme::Depth)));
+    // What the paper's warp loses almost behind, the least worst error's does not.
+    assert!(worst(Scheme::DepthLispsm) > 1.5 * worst(Scheme::Depth));
+    assert!(worst(Scheme::DepthWarped) <= 1.02 * worst(Scheme::Depth));
+    assert!(worst(Scheme::FacesDepthWarped) < 1.6 * 1999.0);
+    for (warped, plain) in of(Scheme::DepthWarped).zip(of(Scheme::Depth)) {
+        assert!(
+            warped.storage_factor <= 1.02 * plain.storage_factor,
+            "{warped:?}"
+        );
+    }
+}
+
 #[test]
 fn figures_are_written_as_csv_and_svg() {
     let folder = std::env::temp_dir().join(format!("predict-{}", std::process::id()));
@@ -376,6 +427,12 @@ fn figures_are_written_as_csv_and_svg() {
             "{svg}"
         );
     }
+    let [csv, svg] = figures::write(Figure::Lloyd7, &folder)
+        .unwrap()
+        .map(|file| std::fs::read_to_string(file).unwrap());
+    assert!(csv.starts_with("scheme,across,up,storage_factor\nZP,"));
+    assert!(csv.lines().count() > 4 * 2800);
+    assert!(svg.starts_with("<svg") && svg.contains("faces, warped"));
     std::fs::remove_dir_all(&folder).unwrap();
 
     let file = std::env::temp_dir().join(format!("predict-{}.txt", std::process::id()));
