@@ -1,20 +1,29 @@
-//! What a camera and a light cost the CPU each frame: planning, and testing casters.
+//! What a camera and a light cost the CPU each frame: gathering what the camera sees, planning, and
+//! testing casters.
 
 use core::hint::black_box;
 
 use bevy::{
-    camera::{CameraProjection, PerspectiveProjection},
-    light::DirectionalLight,
+    camera::{CameraProjection, PerspectiveProjection, primitives::Aabb},
+    log::LogPlugin,
     math::{DAffine3, DMat3, DVec3},
+    prelude::*,
+    render::{
+        RenderPlugin,
+        settings::{RenderCreation, WgpuSettings},
+    },
+    winit::WinitPlugin,
 };
 use bevy_pssm::{
-    CascadeFit, MapWarp, ParallelSplitShadows,
+    CascadeFit, MapWarp, ParallelSplitShadows, Preference, PssmPlugin,
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
     plan::{PlanHistory, PlanInputs, plan_cascades},
+    systems::plan_shadows,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 
 const CASTERS: usize = 10_000;
+const RECEIVERS: usize = 100_000;
 
 fn planning(criterion: &mut Criterion) {
     let projection = PerspectiveProjection::default();
@@ -45,6 +54,13 @@ fn planning(criterion: &mut Criterion) {
         ("stable", CascadeFit::Stable),
         ("tight", CascadeFit::Tight),
         ("warped", CascadeFit::Warped(MapWarp::Minimax)),
+        ("faces", CascadeFit::Faces),
+        (
+            "auto",
+            CascadeFit::Auto {
+                prefer: Preference::Sharpness,
+            },
+        ),
     ] {
         let config = ParallelSplitShadows {
             fit,
@@ -85,5 +101,68 @@ fn planning(criterion: &mut Criterion) {
     );
 }
 
-criterion_group!(benches, planning);
+/// The whole system, with very many meshes in view.
+fn gathering(criterion: &mut Criterion) {
+    for (name, fit) in [
+        ("stable", CascadeFit::Stable),
+        ("warped", CascadeFit::Warped(MapWarp::Minimax)),
+    ] {
+        let mut app = crowded_app(fit);
+        let world = app.world_mut();
+        let mut system = IntoSystem::into_system(plan_shadows);
+        system.initialize(world);
+        criterion.bench_function(
+            &format!("plan over {RECEIVERS} meshes, {name}"),
+            |bencher| {
+                bencher.iter(|| system.run((), world));
+            },
+        );
+    }
+}
+
+/// Without a renderer.
+fn crowded_app(fit: CascadeFit) -> App {
+    let mut app = App::new();
+    let no_gpu = WgpuSettings {
+        backends: None,
+        ..default()
+    };
+    app.add_plugins((
+        DefaultPlugins
+            .set(RenderPlugin {
+                render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
+                ..default()
+            })
+            .set(WindowPlugin {
+                primary_window: None,
+                ..default()
+            })
+            .disable::<WinitPlugin>()
+            .disable::<LogPlugin>(),
+        PssmPlugin,
+    ));
+    app.finish();
+    app.cleanup();
+    let world = app.world_mut();
+    world.spawn((Camera3d::default(), Transform::from_xyz(0.0, 20.0, 0.0)));
+    world.spawn((
+        DirectionalLight::default(),
+        Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.2), Vec3::Y),
+        ParallelSplitShadows { fit, ..default() },
+    ));
+    world.spawn_batch((0..RECEIVERS).map(|i| {
+        let (row, column) = (i / 400, i % 400);
+        let place = Vec3::new(column as f32 - 200.0, 0.0, -200.0 - row as f32);
+        (
+            Mesh3d::default(),
+            Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5)),
+            Transform::from_translation(place),
+            Visibility::default(),
+        )
+    }));
+    app.update();
+    app
+}
+
+criterion_group!(benches, planning, gathering);
 criterion_main!(benches);

@@ -11,7 +11,7 @@ use bevy::{
     camera::visibility::CascadesVisibleEntities, core_pipeline::tonemapping::Tonemapping,
     diagnostic::DiagnosticsStore, platform::time::Instant, prelude::*,
 };
-use bevy_pssm::ShadowPlans;
+use bevy_pssm::{ShadowPlans, debug::GRID_TEXELS, prelude::*};
 use image::RgbaImage;
 
 use crate::{
@@ -57,6 +57,7 @@ pub fn run(scenes: &[&str]) -> Result<(), BevyError> {
         say(&format!("{name}: loading\n"))?;
         show_scene(name, &mut table)?;
     }
+    show_grids()?;
     std::fs::write(Path::new(FOLDER).join("table.txt"), &table)?;
     say(&format!(
         "\n{table}\nPictures and table are in {FOLDER}/, after {:.0} s.\n",
@@ -121,6 +122,41 @@ fn show_scene(name: &str, table: &mut String) -> Result<(), BevyError> {
             sum.texels as f64 / 1e6,
         )?;
     }
+    Ok(())
+}
+
+/// How fits spread their texels over what is seen: as Lloyd et al. 2006, Figs. 2 and 15.
+fn show_grids() -> Result<(), BevyError> {
+    let mut stage = SceneStage::new("robot_war", SIZE, |_| (), (Tonemapping::None, Msaa::Off));
+    let label = spawn_label(&mut stage);
+    stage.stand_at_pose(0);
+    stage.use_plugin(true, MAP_SIZE);
+    stage.headless.settle();
+    stage.world().insert_resource(ShadowOverlay::TexelGrid);
+    let fits = [
+        ("stable", CascadeFit::Stable),
+        ("tight", CascadeFit::Tight),
+        ("warped", CascadeFit::Warped(MapWarp::Minimax)),
+        ("faces, warped", CascadeFit::Faces),
+    ];
+    let mut pictures = Vec::new();
+    for (name, fit) in fits {
+        stage.configure(|shadows| shadows.fit = fit);
+        if let Some(mut label) = stage.world().get_mut::<Text>(label) {
+            label.0 = format!("{name}: squares of {GRID_TEXELS} x {GRID_TEXELS} texels");
+        }
+        stage.headless.settle();
+        pictures.push(stage.headless.picture());
+    }
+    let file = format!("{FOLDER}/texel_grids.png");
+    let rows = pictures.chunks(2);
+    let rows: Vec<_> = rows.map(|pair| side_by_side(&pair[0], &pair[1])).collect();
+    let mut all = RgbaImage::new(2 * SIZE.x, 2 * SIZE.y);
+    for (row, picture) in rows.iter().enumerate() {
+        image::imageops::replace(&mut all, picture, 0, row as i64 * i64::from(SIZE.y));
+    }
+    all.save(&file)?;
+    say(&format!("{file}\n"))?;
     Ok(())
 }
 

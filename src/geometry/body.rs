@@ -20,8 +20,9 @@ pub struct HalfSpace {
 pub struct ConvexBody {
     /// Corners, in world space.
     pub corners: Vec<DVec3>,
-    /// Faces, each in order round it, in either direction.
-    pub faces: Vec<Vec<usize>>,
+    /// Indices of the faces' corners, face by face, and where in them each face ends.
+    rings: Vec<usize>,
+    ends: Vec<usize>,
 }
 
 /// Corner indices of a slice's or a box's six faces, in order round the face.
@@ -64,8 +65,17 @@ impl ConvexBody {
     fn of_corners(corners: [DVec3; 8]) -> Self {
         Self {
             corners: corners.to_vec(),
-            faces: FACES.iter().map(|face| face.to_vec()).collect(),
+            rings: FACES.concat(),
+            ends: (1..=FACES.len()).map(|face| 4 * face).collect(),
         }
+    }
+
+    /// The faces: indices of their corners, in order round each, in either direction.
+    pub fn faces(&self) -> impl ExactSizeIterator<Item = &[usize]> {
+        self.ends.iter().enumerate().map(|(face, end)| {
+            let start = face.checked_sub(1).map_or(0, |before| self.ends[before]);
+            &self.rings[start..*end]
+        })
     }
 
     /// The half-spaces that a box between two corners is made of.
@@ -117,19 +127,26 @@ impl ConvexBody {
         }
 
         let mut cut = Cut::new(&self.corners, &beyond);
-        let mut faces: Vec<Vec<usize>> = self
-            .faces
-            .iter()
-            .map(|face| cut.face(face))
-            .filter(|face| face.len() > 2)
-            .collect();
+        let mut rings = Vec::with_capacity(self.rings.len() + 8);
+        let mut ends = Vec::with_capacity(self.ends.len() + 1);
+        for face in self.faces() {
+            let start = rings.len();
+            cut.face(face, &mut rings);
+            if rings.len() > start + 2 {
+                ends.push(rings.len());
+            } else {
+                rings.truncate(start);
+            }
+        }
         let cap = cut.cap(plane.normal);
         if cap.len() > 2 {
-            faces.push(cap);
+            rings.extend(cap);
+            ends.push(rings.len());
         }
         Self {
             corners: cut.corners,
-            faces,
+            rings,
+            ends,
         }
     }
 
@@ -144,7 +161,7 @@ impl ConvexBody {
         let centre = self.centre();
         let mut sum = DVec3::ZERO;
         let mut total = 0.0;
-        for face in &self.faces {
+        for face in self.faces() {
             let corner = |i: usize| self.corners[face[i]] - centre;
             for i in 1..face.len() - 1 {
                 let (a, b, c) = (corner(0), corner(i), corner(i + 1));
@@ -208,9 +225,8 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// A face's ring, cut.
-    fn face(&mut self, ring: &[usize]) -> Vec<usize> {
-        let mut cut = Vec::with_capacity(ring.len() + 1);
+    /// Adds a face's ring, cut.
+    fn face(&mut self, ring: &[usize], cut: &mut Vec<usize>) {
         for (position, &a) in ring.iter().enumerate() {
             let b = ring[(position + 1) % ring.len()];
             cut.extend(self.kept[a]);
@@ -218,7 +234,6 @@ impl<'a> Cut<'a> {
                 cut.push(self.crossing(a.min(b), a.max(b)));
             }
         }
-        cut
     }
 
     fn crossing(&mut self, a: usize, b: usize) -> usize {

@@ -20,8 +20,7 @@ impl CasterHull {
     pub fn new(body: &ConvexBody, to_light: DVec3, margin: f64) -> Self {
         let inside = body.centre();
         let faces: Vec<Option<DVec3>> = body
-            .faces
-            .iter()
+            .faces()
             .map(|face| outward_normal(body, face, inside))
             .collect();
         let mut planes = Vec::with_capacity(12);
@@ -99,7 +98,7 @@ fn outward_normal(body: &ConvexBody, face: &[usize], inside: DVec3) -> Option<DV
 /// Pairs of faces with the edge that they share.
 fn shared_edges(body: &ConvexBody) -> Vec<(usize, usize, [usize; 2])> {
     let mut edges: Vec<([usize; 2], usize)> = Vec::with_capacity(32);
-    for (index, face) in body.faces.iter().enumerate() {
+    for (index, face) in body.faces().enumerate() {
         for (position, &a) in face.iter().enumerate() {
             let b = face[(position + 1) % face.len()];
             edges.push(([a.min(b), a.max(b)], index));

@@ -15,8 +15,8 @@ pub(super) struct Body {
     pub slice: Slice,
     /// What of the slice can receive shadows.
     pub whole: ConvexBody,
-    /// From the configuration's near on: at the eye no map is large enough.
-    pub seen: ConvexBody,
+    /// That from the configuration's near on, if it is less: at the eye no map is large enough.
+    beyond_near: Option<ConvexBody>,
     /// Along what a warp runs, if that is not the configuration's.
     pub axis: Option<DVec3>,
 }
@@ -42,18 +42,30 @@ impl Body {
         let PlanInputs { view, config, .. } = inputs;
         let slice = view.slice(near, far)?;
         let whole = ConvexBody::of_slice(&slice);
-        let per_depth = view.per_depth();
-        let normal = -per_depth.normalize();
-        let seen = whole.clone().within([HalfSpace {
-            normal,
-            distance: normal.dot(view.eye) - config.near / per_depth.length(),
-        }]);
-        Some(Self {
-            seen: if seen.is_empty() { whole.clone() } else { seen },
+        let mut body = Self {
             slice,
             whole,
+            beyond_near: None,
             axis: None,
-        })
+        };
+        if near < config.near {
+            let per_depth = view.per_depth();
+            let normal = -per_depth.normalize();
+            let beyond = HalfSpace {
+                normal,
+                distance: normal.dot(view.eye) - config.near / per_depth.length(),
+            };
+            body.beyond_near = Some(body.whole.clone().within([beyond]));
+        }
+        Some(body)
+    }
+
+    /// What of it predictions and warps are for.
+    pub fn seen(&self) -> &ConvexBody {
+        let beyond = self.beyond_near.as_ref();
+        beyond
+            .filter(|beyond| !beyond.is_empty())
+            .unwrap_or(&self.whole)
     }
 
     /// The part in a wedge, if there is any.
@@ -66,11 +78,9 @@ impl Body {
     }
 
     fn clipped(mut self, planes: &[HalfSpace]) -> Option<Self> {
-        self.whole = self.whole.within(planes.iter().copied());
-        self.seen = self.seen.within(planes.iter().copied());
-        if self.seen.is_empty() {
-            self.seen = self.whole.clone();
-        }
+        let within = |body: ConvexBody| body.within(planes.iter().copied());
+        self.whole = within(self.whole);
+        self.beyond_near = self.beyond_near.map(within);
         (!self.whole.is_empty()).then_some(self)
     }
 }

@@ -57,9 +57,9 @@ pub(super) fn lay(
         MapFit::Warped(warp) => {
             let away = match body.axis {
                 Some(axis) => axis,
-                None => warp::away(config.warp_axis, view, &body.seen)?,
+                None => warp::away(config.warp_axis, view, body.seen())?,
             };
-            let (frame, strength) = warp::lay(warp, away, view, light.z, &body.seen)?;
+            let (frame, strength) = warp::lay(warp, away, view, light.z, body.seen())?;
             let vertices = warp::body_vertices(view, &body.whole);
             let (clip_from_world, texel) = frame.guarded_map(&vertices, strength, map_size, reach);
             Laid {
@@ -77,7 +77,7 @@ pub(super) fn lay(
 impl Laid {
     /// The worst over what is seen of a body.
     pub fn aliasing(&self, inputs: &PlanInputs, body: &Body) -> Option<Aliasing> {
-        let vertices = warp::body_vertices(inputs.view, &body.seen);
+        let vertices = warp::body_vertices(inputs.view, body.seen());
         Aliasing::over(&self.clip_from_world, self.axes, &vertices)
     }
 }

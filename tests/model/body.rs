@@ -11,8 +11,7 @@ fn unit_box() -> ConvexBody {
 /// By the divergence theorem, face by face from the centre.
 fn volume(body: &ConvexBody) -> f64 {
     let centre = body.corners.iter().sum::<DVec3>() / body.corners.len().max(1) as f64;
-    body.faces
-        .iter()
+    body.faces()
         .map(|face| {
             let at = |i: usize| body.corners[face[i % face.len()]] - centre;
             (1..face.len().saturating_sub(1))
@@ -37,7 +36,7 @@ fn a_corner_is_cut_off_a_box() {
         normal,
         distance: normal.dot(DVec3::new(1.0, 1.0, 0.5)),
     }]);
-    assert_eq!((cut.faces.len(), cut.corners.len()), (7, 10));
+    assert_eq!((cut.faces().len(), cut.corners.len()), (7, 10));
     assert!((volume(&cut) - (1.0 - 0.125 / 6.0)).abs() < 1e-12);
 }
 
@@ -48,7 +47,7 @@ fn planes_through_corners_and_faces_leave_no_slivers() {
         distance: normal.normalize().dot(DVec3::new(1.0, 0.0, 0.0)),
     });
     let diagonal = unit_box().within([halves[0]]);
-    assert_eq!((diagonal.faces.len(), diagonal.corners.len()), (5, 6));
+    assert_eq!((diagonal.faces().len(), diagonal.corners.len()), (5, 6));
     assert!((volume(&diagonal) - 0.5).abs() < 1e-12);
     assert_eq!(unit_box().within([halves[1]]), unit_box());
 }
@@ -90,8 +89,7 @@ proptest! {
                 prop_assert!(plane.normal.dot(*corner) <= plane.distance + 1e-9);
             }
             let mut edges: Vec<[usize; 2]> = parts[0]
-                .faces
-                .iter()
+                .faces()
                 .flat_map(|face| (0..face.len()).map(|i| (face[i], face[(i + 1) % face.len()])))
                 .map(|(a, b)| [a.min(b), a.max(b)])
                 .collect();

@@ -241,7 +241,7 @@ proptest! {
         let slice = view.slice(1.0, 300.0).expect("not empty");
         let bounds = scene.receivers(&view).bounds_between(&[(1.0, 300.0)])[0];
         let body = ConvexBody::of_slice(&slice).within(ConvexBody::planes_of_box(bounds));
-        prop_assume!(body.faces.len() > 3);
+        prop_assume!(body.faces().len() > 3);
         let (frame, strength) =
             warp::lay(MapWarp::Minimax, forward(&view), &view, to_light, &body).unwrap();
         let vertices = body_vertices(&view, &body);

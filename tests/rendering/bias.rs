@@ -98,7 +98,7 @@ fn variations() -> Vec<Variation> {
         },
         reach,
     })
-    .chain([oblong(CascadeFit::Stable), oblong(CascadeFit::Tight)])
+    .chain([oblong(Stable), oblong(Tight)])
     .collect()
 }
 

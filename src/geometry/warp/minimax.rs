@@ -25,38 +25,39 @@ impl WarpFrame {
         let (near_line, far_line) = self.lines(body);
         let d = far_line - near_line;
         // Error at a vertex, up to a factor: (slope · strength + offset)² / (1 + strength · d).
-        let roots: Vec<[f64; 2]> = body
-            .iter()
-            .map(|vertex| {
-                let offset = vertex.image_height.sqrt().recip();
-                [(self.along(vertex) - near_line) * offset, offset]
-            })
-            .collect();
-        let worst = |strength: f64| {
-            let root = roots
-                .iter()
-                .map(|[slope, offset]| slope * strength + offset)
-                .fold(0.0, f64::max);
-            root * root / (1.0 + strength * d)
+        let roots = body.iter().map(|vertex| {
+            let offset = vertex.image_height.sqrt().recip();
+            [(self.along(vertex) - near_line) * offset, offset]
+        });
+        let roots: Vec<[f64; 2]> = roots.collect();
+        // The worst error is convex: follow the vertex that has it, and where another takes over
+        // that one, until it no longer falls.
+        let worse = |a: &[f64; 2], b: &[f64; 2]| a[1].total_cmp(&b[1]).then(a[0].total_cmp(&b[0]));
+        let Some(mut worst) = roots.iter().copied().max_by(worse) else {
+            return 0.0;
         };
-        // The worst error is convex, with its minimum where one vertex has its own or where two
-        // are equally bad.
-        let lowest = roots
-            .iter()
-            .map(|[slope, offset]| (d * offset - 2.0 * slope) / (d * slope));
-        let equal = roots
-            .iter()
-            .flat_map(|a| roots.iter().map(|b| (b[1] - a[1]) / (a[0] - b[0])));
-        lowest
-            .chain(equal)
-            .filter(|strength| *strength > 0.0 && strength.is_finite())
-            .fold(0.0, |best, strength| {
-                if worst(strength) < worst(best) {
-                    strength
-                } else {
-                    best
+        let mut strength = 0.0;
+        loop {
+            let [slope, offset] = worst;
+            let lowest = (d * offset - 2.0 * slope) / (d * slope);
+            // No vertex falls for ever: the farthest rises.
+            if lowest.is_nan() || lowest <= strength {
+                return strength;
+            }
+            let crossing = |other: &[f64; 2]| (offset - other[1]) / (other[0] - slope);
+            let next = roots
+                .iter()
+                .filter(|other| other[0] > slope)
+                .map(|other| (crossing(other), *other))
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(b.1[0].total_cmp(&a.1[0])));
+            match next {
+                Some((crossing, other)) if crossing < lowest => {
+                    strength = crossing.max(strength);
+                    worst = other;
                 }
-            })
+                _ => return lowest,
+            }
+        }
     }
 
     /// That strength, or the greatest below it whose storage factor is no more than a hundredth
