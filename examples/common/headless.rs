@@ -4,7 +4,7 @@
 
 use bevy::{
     app::PluginsState,
-    asset::RenderAssetUsages,
+    asset::{RenderAssetUsages, UnapprovedPathMode},
     camera::RenderTarget,
     image::Image as BevyImage,
     log::LogPlugin,
@@ -65,6 +65,11 @@ impl Headless {
         let mut app = App::new();
         app.add_plugins(
             DefaultPlugins
+                .set(AssetPlugin {
+                    // Where a load says so: for models outside of the assets' folder.
+                    unapproved_path_mode: UnapprovedPathMode::Deny,
+                    ..default()
+                })
                 .set(WindowPlugin {
                     primary_window: None,
                     exit_condition: ExitCondition::DontExit,

@@ -8,7 +8,7 @@ use bevy_pssm::prelude::*;
 use crate::{
     headless::Headless,
     scene::{
-        CurrentScene, Ground, SceneCamera, SceneDescription, SceneStats, SceneSun, ScenesPlugin,
+        CurrentScene, Ground, Imported, SceneCamera, SceneDescription, SceneStats, SceneSun, ScenesPlugin,
     },
 };
 
@@ -79,6 +79,11 @@ impl SceneStage {
             let Some(sun) = sun else {
                 continue;
             };
+            let mut waiting = world.query_filtered::<(), (With<Imported>, Without<Children>)>();
+            if waiting.iter(world).next().is_some() {
+                continue;
+            }
+            let handle = &world.resource::<CurrentScene>().handle;
             let scenes = world.resource::<Assets<SceneDescription>>();
             let description = scenes.get(handle).cloned();
             return Ok(Self {

@@ -31,6 +31,9 @@ pub struct SceneDescription {
     pub ground: GroundDescription,
     /// What stands on it.
     pub groups: Vec<Group>,
+    /// What else stands on it, from glTF files.
+    #[serde(default)]
+    pub imports: Vec<Import>,
 }
 
 /// The camera's lens and the closed path it flies along.
@@ -126,6 +129,28 @@ pub struct GroundDescription {
     pub relief: f32,
     /// Main and second colour (sRGB).
     pub colors: [[f32; 3]; 2],
+    /// Where a measured ground's heights are.
+    #[serde(default)]
+    pub heights: Option<HeightsDescription>,
+}
+
+/// A grid of heights in a file: rows from north (−z) to south, each from west (−x) to east, of
+/// unsigned little-endian 16-bit numbers.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct HeightsDescription {
+    /// The file, from the current folder.
+    pub file: String,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Between columns and between rows (metres).
+    pub spacing: [f32; 2],
+    /// Height is so many metres per step,
+    pub scale: f32,
+    /// from this one on (metres).
+    pub offset: f32,
+    /// Column and row that lie at the scene's origin.
+    pub origin: [f32; 2],
 }
 
 fn full_relief() -> f32 {
@@ -143,6 +168,8 @@ pub enum GroundKind {
     Desert,
     /// Ridges around a terraced open pit.
     Pit,
+    /// Heights from a file.
+    Measured,
 }
 
 /// Objects of one kind.
@@ -169,6 +196,18 @@ pub struct Group {
 
 fn one_variant() -> u32 {
     1
+}
+
+/// Objects from a glTF file: its first scene.
+#[derive(Deserialize, Debug, Clone)]
+#[serde(deny_unknown_fields)]
+pub struct Import {
+    /// The file, from the current folder.
+    pub file: String,
+    /// Least and greatest scale.
+    pub scale: [f32; 2],
+    /// Where they stand.
+    pub layout: Layout,
 }
 
 /// What can be built.

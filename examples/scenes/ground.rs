@@ -1,10 +1,11 @@
 //! The ground's relief, and its meshes.
 
-use bevy::prelude::*;
+use bevy::{platform::sync::Arc, prelude::*};
 
 use super::{
     board,
-    format::{GroundDescription, GroundKind},
+    format::{GroundDescription, GroundKind, HeightsDescription},
+    heights::Heights,
     mesh::{Body, linear, shade},
     noise::{fractal, noise, ridged},
 };
@@ -20,6 +21,7 @@ const TERRACE: Vec2 = Vec2::new(42.0, 11.0);
 pub struct Ground {
     description: GroundDescription,
     seed: u64,
+    heights: Option<Arc<Heights>>,
 }
 
 fn smooth(from: f32, to: f32, x: f32) -> f32 {
@@ -28,9 +30,20 @@ fn smooth(from: f32, to: f32, x: f32) -> f32 {
 }
 
 impl Ground {
-    /// A ground as described.
+    /// A ground as described; flat if its heights cannot be read.
     pub fn new(description: GroundDescription, seed: u64) -> Self {
-        Self { description, seed }
+        let read = |heights: &HeightsDescription| match Heights::read(heights) {
+            Ok(heights) => Some(Arc::new(heights)),
+            Err(error) => {
+                error!("{}: {error}", heights.file);
+                None
+            }
+        };
+        Self {
+            heights: description.heights.as_ref().and_then(read),
+            description,
+            seed,
+        }
     }
 
     /// Height at (x, z), in metres.
@@ -44,6 +57,7 @@ impl Ground {
                 GroundKind::Board => board::height(size, x, z),
                 GroundKind::Desert => self.desert(x, z, edge),
                 GroundKind::Pit => self.pit(x, z),
+                GroundKind::Measured => self.heights.as_ref().map_or(0.0, |it| it.at(x, z)),
             }
     }
 
@@ -125,7 +139,7 @@ impl Ground {
                 )
             }
             // Beds of rock show on the slopes.
-            GroundKind::Pit | GroundKind::Board => {
+            GroundKind::Pit | GroundKind::Board | GroundKind::Measured => {
                 let bed = noise(y / 5.5 + 0.6 * patches, 3.0, seed + 9);
                 let rock = mix(second, [0.62, 0.5, 0.42], 0.5 + 0.6 * bed);
                 let grass = smooth(-0.1, 0.5, patches) * smooth(6.0, 2.0, (y - 4.0).abs() * 0.25);

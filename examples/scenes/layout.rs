@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use bevy::prelude::*;
 
 use super::{
-    format::{Group, Layout},
+    format::Layout,
     ground::Ground,
     noise::Stream,
 };
@@ -22,8 +22,8 @@ pub struct Place {
 }
 
 /// Where a group's objects stand.
-pub fn places(group: &Group, ground: &Ground, random: &mut Stream) -> Vec<Place> {
-    match &group.layout {
+pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Place> {
+    match layout {
         Layout::Places(list) => list
             .iter()
             .map(|(x, z, facing)| Place {

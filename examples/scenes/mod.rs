@@ -6,6 +6,7 @@ mod board;
 mod current;
 mod format;
 mod ground;
+mod heights;
 mod layout;
 mod mesh;
 mod models;
@@ -22,7 +23,7 @@ pub use ground::Ground;
 pub use motion::{MovingSun, SceneSun};
 pub use noise::Stream;
 pub use sky::camera_of;
-pub use spawn::{SceneEntity, SceneStats, spawn_scene};
+pub use spawn::{Imported, SceneEntity, SceneStats, spawn_scene};
 
 use bevy::prelude::*;
 

@@ -1,9 +1,9 @@
 //! From a description to entities.
 
-use bevy::{platform::collections::HashMap, prelude::*};
+use bevy::{asset::AssetPath, platform::collections::HashMap, prelude::*};
 
 use super::{
-    format::{GroundKind, Group, Motion, SceneDescription},
+    format::{GroundKind, Group, Import, Motion, SceneDescription},
     ground::Ground,
     layout::{Place, places},
     models::{self, Finish, Model, Part, Style, Turn},
@@ -49,6 +49,10 @@ pub fn spawn_scene(
         let seed = scene.seed.wrapping_mul(31).wrapping_add(index as u64);
         workshop.spawn_group(commands, group, &ground, seed);
     }
+    for (index, import) in scene.imports.iter().enumerate() {
+        let seed = scene.seed.wrapping_mul(37).wrapping_add(index as u64);
+        spawn_import(commands, import, &ground, seed);
+    }
     spawn_sky(commands, meshes, materials, scene);
     spawn_sun(commands, scene);
     commands.insert_resource(ground);
@@ -89,6 +93,34 @@ fn spawn_ground(
             && let Some(mut earth) = materials.get_mut(&earth)
         {
             earth.base_color_texture = Some(grain);
+        }
+    });
+}
+
+/// On what stands for a glTF file's scene.
+#[derive(Component)]
+pub struct Imported;
+
+fn spawn_import(commands: &mut Commands, import: &Import, ground: &Ground, seed: u64) {
+    let mut random = Stream::new(seed);
+    let places = places(&import.layout, ground, &mut random).into_iter();
+    let transforms: Vec<Transform> = places
+        .map(|Place { at, facing }| {
+            let scale = random.between(import.scale[0], import.scale[1]);
+            Transform::from_xyz(at.x, ground.height(at.x, at.y), at.y)
+                .with_rotation(Quat::from_rotation_y(-facing.to_radians()))
+                .with_scale(Vec3::splat(scale))
+        })
+        .collect();
+    let file = std::path::absolute(&import.file).unwrap_or_else(|_| import.file.clone().into());
+    commands.queue(move |world: &mut World| {
+        let assets = world.resource::<AssetServer>();
+        let path = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(file));
+        // From outside of the assets' folder.
+        let scene = assets.load_builder().override_unapproved().load(path);
+        for transform in transforms {
+            let root = WorldAssetRoot(scene.clone());
+            world.spawn((root, transform, Imported, SceneEntity));
         }
     });
 }
@@ -166,7 +198,7 @@ impl Workshop<'_> {
         let shapes: Vec<Shape> = (0..group.variants.max(1))
             .map(|variant| self.shape(group, seed, variant))
             .collect();
-        for (index, place) in places(group, ground, &mut random).into_iter().enumerate() {
+        for (index, place) in places(&group.layout, ground, &mut random).into_iter().enumerate() {
             let pick = (random.next() * shapes.len() as f32) as usize;
             // In turn, but not in the same order everywhere.
             let Some(shape) = shapes.get((index + pick / 2) % shapes.len()) else {

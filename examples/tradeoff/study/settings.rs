@@ -151,6 +151,57 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
     if quick {
         return settings;
     }
+    let minimax = || CascadeFit::Warped(MapWarp::Minimax);
+    let auto = |prefer| CascadeFit::Auto { prefer };
+    for (name, fit) in [
+        ("auto 2048", auto(Preference::Sharpness)),
+        ("auto 2048 half", auto(Preference::Between(0.5))),
+        ("faces 2048", CascadeFit::Faces),
+        ("warped 2048 lispsm", CascadeFit::Warped(MapWarp::Lispsm)),
+        (
+            "warped 2048 trapezoid",
+            CascadeFit::Warped(MapWarp::Trapezoid { focus: 0.3 }),
+        ),
+    ] {
+        let config = with(&|config| config.fit = fit.clone());
+        settings.push(Setting::pssm(name, config));
+    }
+    let fitted = |name: &str, fit: CascadeFit, change: &dyn Fn(&mut ParallelSplitShadows)| {
+        let mut config = with(change);
+        config.fit = fit;
+        Setting::pssm(name, config)
+    };
+    settings.extend([
+        fitted("tight 2048 no slack", CascadeFit::Tight, &|config| {
+            config.slack = 0.0;
+        }),
+        fitted("tight 2048 no focus", CascadeFit::Tight, &|config| {
+            config.focus = ShadowFocus::Off;
+        }),
+        fitted("tight 2048 lambda 0.8", CascadeFit::Tight, &|config| {
+            config.splits = SplitScheme::Practical { lambda: 0.8 };
+        }),
+        fitted("warped 2048 no focus", minimax(), &|config| {
+            config.focus = ShadowFocus::Off;
+        }),
+        fitted("warped 2048 middle", minimax(), &|config| {
+            config.warp_axis = WarpAxis::Middle;
+        }),
+        fitted("warped 2048 lambda 0.8", minimax(), &|config| {
+            config.splits = SplitScheme::Practical { lambda: 0.8 };
+        }),
+        fitted("warped 836", minimax(), &|config| {
+            config.map_size = MapSize::Same(836);
+        }),
+        // As many texels as four maps of 2048².
+        fitted("warped budget logarithmic", minimax(), &|config| {
+            config.map_size = MapSize::Budget(4 * 2048 * 2048);
+            config.splits = SplitScheme::Logarithmic;
+        }),
+        fitted("warped 2048 logarithmic", minimax(), &|config| {
+            config.splits = SplitScheme::Logarithmic;
+        }),
+    ]);
     settings.extend([
         stable("logarithmic", &|config| {
             config.splits = SplitScheme::Logarithmic;
