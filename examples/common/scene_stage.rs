@@ -8,7 +8,8 @@ use bevy_pssm::prelude::*;
 use crate::{
     headless::Headless,
     scene::{
-        CurrentScene, Ground, Imported, SceneCamera, SceneDescription, SceneStats, SceneSun, ScenesPlugin,
+        CurrentScene, Ground, Imported, SceneCamera, SceneDescription, SceneStats, SceneSun,
+        ScenesPlugin,
     },
 };
 

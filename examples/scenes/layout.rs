@@ -4,11 +4,7 @@ use core::f32::consts::TAU;
 
 use bevy::prelude::*;
 
-use super::{
-    format::Layout,
-    ground::Ground,
-    noise::Stream,
-};
+use super::{format::Layout, ground::Ground, noise::Stream};
 
 /// Attempts at scattering before a group stays smaller than wanted.
 const ATTEMPTS: u32 = 40_000;

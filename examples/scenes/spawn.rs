@@ -198,7 +198,10 @@ impl Workshop<'_> {
         let shapes: Vec<Shape> = (0..group.variants.max(1))
             .map(|variant| self.shape(group, seed, variant))
             .collect();
-        for (index, place) in places(&group.layout, ground, &mut random).into_iter().enumerate() {
+        for (index, place) in places(&group.layout, ground, &mut random)
+            .into_iter()
+            .enumerate()
+        {
             let pick = (random.next() * shapes.len() as f32) as usize;
             // In turn, but not in the same order everywhere.
             let Some(shape) = shapes.get((index + pick / 2) % shapes.len()) else {

@@ -197,6 +197,12 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
             "normal offset",
             with(&|config| config.bias = ShadowBias::NormalOffset { texels: 3.0 }),
         ),
+        ("tight", with(&|config| config.fit = CascadeFit::Tight)),
+        (
+            "warped",
+            with(&|config| config.fit = CascadeFit::Warped(MapWarp::Minimax)),
+        ),
+        ("faces", with(&|config| config.fit = CascadeFit::Faces)),
         ("no blending", with(&|config| config.blend = 0.0)),
         (
             "dithered",

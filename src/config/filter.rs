@@ -9,7 +9,7 @@ use bevy::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ConfigError, MapFit, ParallelSplitShadows};
+use super::{ConfigError, MapFit, MapSize, ParallelSplitShadows};
 use crate::geometry::{bias::MOST_OFFSET_TEXELS, fit::LookupReach};
 
 /// The largest filter radius that stays affordable (texels): it reads 256 of them.
@@ -241,9 +241,10 @@ impl ParallelSplitShadows {
         }
     }
 
-    /// Whether the fit lays maps of square texels.
+    /// Whether all maps have square texels.
     pub(crate) fn has_square_texels(&self) -> bool {
         !self.fit.any(|fit| fit != MapFit::Stable)
+            && !matches!(self.map_size, MapSize::Sides(_) | MapSize::Budget(_))
     }
 }
 

@@ -3,7 +3,7 @@
 use bevy::reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault};
 use serde::{Deserialize, Serialize};
 
-use super::ConfigError;
+use super::{ConfigError, SplitScheme};
 
 /// How maps are laid over their slices.
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, PartialEq)]
@@ -24,8 +24,9 @@ pub enum CascadeFit {
     List(Vec<MapFit>),
     /// A map of its own for every face of the view that light enters or leaves it by, warped from
     /// edge to edge (Lloyd et al. 2006, 5.1): for light along the view, where no other warp gains
-    /// anything. One to four faces share four maps, and slices get what is left: with so few maps,
-    /// slices alone are sharper at most angles. Needs four cascades; for cameras in perspective.
+    /// anything. One to four faces share four maps, and slices get what is left, as few as they
+    /// have once been: with so few maps, slices alone are sharper at most angles. Needs four
+    /// cascades; for cameras in perspective.
     Faces,
     /// Chosen for each cascade from what a fit is predicted to gain, and no more cascades than gain
     /// anything. Choices are held until another is clearly better.
@@ -116,7 +117,7 @@ pub enum WarpAxis {
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum ShadowFocus {
-    /// What lies in the bounds of the meshes that the camera sees in the slice; and splits are
+    /// What lies in the bounds of the meshes (`Mesh3d`) that the camera sees in the slice; and splits are
     /// spread over the depths at which there are any, unless a map is stable. Meshes without
     /// bounds and volumetric fog count as being everywhere. Bounds that are too small cut shadows
     /// off, as they cut off the meshes themselves.
@@ -146,6 +147,23 @@ impl CascadeFit {
         fits.into_iter().take(count)
     }
 
+    /// The nearest to it without perspective, for GPUs that cannot draw that.
+    pub(crate) fn unwarped(&self) -> Self {
+        match self {
+            Self::Warped(_) | Self::Faces => Self::Tight,
+            Self::Auto { prefer } if prefer.share() > 0.0 => Self::Tight,
+            Self::List(fits) => Self::List(
+                fits.iter()
+                    .map(|fit| match fit {
+                        MapFit::Warped(_) => MapFit::Tight,
+                        MapFit::Stable | MapFit::Tight => *fit,
+                    })
+                    .collect(),
+            ),
+            Self::Stable | Self::Tight | Self::Auto { .. } => self.clone(),
+        }
+    }
+
     /// Whether there is a choice.
     pub(crate) fn chooses(&self) -> bool {
         matches!(self, Self::Auto { prefer } if prefer.share() > 0.0)
@@ -162,7 +180,7 @@ impl CascadeFit {
             .any(predicate)
     }
 
-    pub(super) fn validate(&self, cascades: u32) -> Result<(), ConfigError> {
+    pub(super) fn validate(&self, cascades: u32, splits: &SplitScheme) -> Result<(), ConfigError> {
         if let Self::List(fits) = self
             && fits.len() != cascades as usize
         {
@@ -178,6 +196,13 @@ impl CascadeFit {
                 "cascades",
                 cascades,
                 "4 with `fit: Faces`",
+            ));
+        }
+        if *self == Self::Faces && matches!(splits, SplitScheme::Manual(_)) {
+            return Err(ConfigError::out_of_range(
+                "splits",
+                "Manual",
+                "another scheme with `fit: Faces`, which has fewer slices than cascades",
             ));
         }
         if let Self::Auto { prefer } = self {

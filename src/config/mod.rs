@@ -95,8 +95,9 @@ pub struct ParallelSplitShadows {
     /// slow pan or turn no pixel changes, while [`CascadeFit::Tight`], with 24 to 36 % fewer wrong
     /// pixels, has 0.05 to 0.2 % of all pixels change with every third of a pixel.
     pub fit: CascadeFit,
-    /// What fitted maps are laid over: of a slice, the part in which something can receive a
-    /// shadow, or all of it. Default [`ShadowFocus::Receivers`].
+    /// What maps and casters are for: of a slice, the part in which something can receive a shadow,
+    /// or all of it. Stable maps are laid over all of it in any case, but have only the casters that
+    /// matter, and are not drawn where there is nothing. Default [`ShadowFocus::Receivers`].
     pub focus: ShadowFocus,
     /// How much larger than needed fitted maps, the boxes that they are fitted to and the range of
     /// depths that is split may be, so as not to change with every frame (share, 0 to 1). 0 is
@@ -292,7 +293,7 @@ impl ParallelSplitShadows {
         self.splits.validate(self)?;
         ConfigError::check_range("blend", self.blend, 0.0..=0.5)?;
         ConfigError::check_range("fade", self.fade, 0.0..=1.0)?;
-        self.fit.validate(self.cascades)?;
+        self.fit.validate(self.cascades, &self.splits)?;
         ConfigError::check_range("slack", self.slack, 0.0..=1.0)?;
         self.map_size.validate(self.cascades, max_map_size)?;
         self.bias.validate()?;

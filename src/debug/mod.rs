@@ -17,7 +17,7 @@ pub enum ShadowOverlay {
     #[default]
     None,
     /// Its light in the colour of the cascade: red, green, blue, yellow, and grey where shadows
-    /// have ended.
+    /// have ended. Of cascades that share a slice, the first one's.
     CascadeTint,
     /// The share of its light that arrives: white where all does.
     Light,

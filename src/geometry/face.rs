@@ -4,7 +4,7 @@
 //! Planes through the volume's edges and the light cut it into pieces, each of which casts its
 //! footprint on one face: to cover the face is to cover the piece.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::{
     aliasing::Aliasing,
@@ -43,7 +43,8 @@ impl Wedge {
     /// the camera, those that face away from it otherwise. With the sides stretched to the eye they
     /// make up the view. None if the view is not in perspective or `to_light` has no direction.
     pub fn of_view(view: &ViewVolume, to_light: DVec3) -> Vec<Self> {
-        let is_cone = view.min[0] == view.max[0] && view.max[1] != view.min[1];
+        let at_eye = [view.min[0], view.max[0]] == [DVec2::ZERO; 2];
+        let is_cone = at_eye && view.max[1] != view.min[1];
         let near = view.near.max(1.0);
         let (Some(slice), Some(to_light), true) = (
             view.slice(near, 2.0 * near),

@@ -2,7 +2,11 @@
 
 use glam::{DMat4, DVec2, DVec3, DVec4, UVec2};
 
-use super::{light_frame::LightFrame, slice::Slice, steady::Slack};
+use super::{
+    light_frame::LightFrame,
+    slice::Slice,
+    steady::{Held, Slack},
+};
 
 /// An orthographic map: a box in the light's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,15 +57,15 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
 }
 
 /// The smallest box around points in the light's frame, grown by some slack: as long as that
-/// lasts, the map moves in whole texels and does not change its size. `held` is the extent (metres)
-/// held so far, if any, and takes the new one.
+/// lasts, the map moves in whole texels and does not change its size. `held` is the extent
+/// (metres).
 pub fn tight(
     points: &[DVec3],
     light: &LightFrame,
     map_size: UVec2,
     reach: LookupReach,
     slack: Slack,
-    held: &mut Option<DVec2>,
+    held: &mut [Held<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
     let (lo, hi) = points
@@ -71,11 +75,8 @@ pub fn tight(
             (lo.min(p), hi.max(p))
         });
     let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
-    let steady = DVec2::new(
-        slack.length(extent.x, held.map(|held| held.x)),
-        slack.length(extent.y, held.map(|held| held.y)),
-    );
-    *held = Some(steady);
+    let [across, up] = held;
+    let steady = DVec2::new(slack.length(extent.x, across), slack.length(extent.y, up));
     let snaps = slack.0 > 0.0;
     let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
     let half = 0.5 * steady * size / usable(size, guard);

@@ -1,52 +1,88 @@
 //! Sizes that would change with every frame, held: they grow at once, shrink late, and in steps.
-//!
-//! Held values depend on what was held before and on what is needed now, not on time: a camera
-//! that stands still has them stand still.
 
 /// How much larger than needed something may be, as a share; 0 for not at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slack(pub f64);
 
+/// A value that is held from frame to frame.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub struct Held<T> {
+    value: Option<T>,
+    /// For how many frames in a row it has been much larger than needed.
+    idle: u32,
+}
+
+/// Frames for which something must have been too large before it shrinks: half a second, say.
+pub const PATIENCE: u32 = 30;
+
+/// Steps are powers and multiples of floating-point numbers, and compared with such.
+const ROUNDING: f64 = 1e-9;
+
 impl Slack {
     /// A length that is at least as long as needed (metres): a whole power of `1 + slack`. One that
-    /// is held stays until it is too short, or two steps too long.
-    pub fn length(self, needed: f64, held: Option<f64>) -> f64 {
+    /// is held stays until it is too short, or has been two steps too long for a while.
+    pub fn length(self, needed: f64, held: &mut Held<f64>) -> f64 {
         self.power(needed, held, 1.0)
     }
 
     /// As [`Slack::length`], for a length that must not be longer than needed.
-    pub fn shorter(self, needed: f64, held: Option<f64>) -> f64 {
+    pub fn shorter(self, needed: f64, held: &mut Held<f64>) -> f64 {
         self.power(needed, held, -1.0)
     }
 
-    fn power(self, needed: f64, held: Option<f64>, side: f64) -> f64 {
-        if self.0 <= 0.0 || needed <= 0.0 || !needed.is_finite() {
+    fn power(self, needed: f64, held: &mut Held<f64>, side: f64) -> f64 {
+        if self.0 <= ROUNDING || needed <= 0.0 || !needed.is_finite() {
             return needed;
         }
         let step = 1.0 + self.0;
-        let steps = needed.ln() / step.ln();
-        let rounded = step.powf((side * steps).ceil() * side);
-        let [least, most] = if side > 0.0 {
-            [needed, rounded * step]
-        } else {
-            [rounded / step, needed]
-        };
-        held.filter(|held| (least..=most).contains(held))
-            .unwrap_or(rounded)
+        let steps = side * needed.ln() / step.ln();
+        let rounded = step.powf(side * (steps - ROUNDING).ceil());
+        let too_large = |value: f64| side * (value / rounded).ln();
+        held.update(
+            rounded,
+            |value| side * (value / needed).ln() >= -ROUNDING,
+            |value| too_large(value) <= step.ln() + ROUNDING,
+        )
     }
 
     /// An interval that holds the one needed (metres), its ends multiples of `slack · scale`. One
-    /// that is held stays while it is no more than two steps too wide on either side.
-    pub fn interval(self, needed: [f64; 2], scale: f64, held: Option<[f64; 2]>) -> [f64; 2] {
+    /// that is held stays until it is too narrow, or has been two steps too wide for a while.
+    pub fn interval(self, needed: [f64; 2], scale: f64, held: &mut Held<[f64; 2]>) -> [f64; 2] {
         let step = self.0 * scale;
-        if step <= 0.0 || !step.is_finite() {
+        if self.0 <= ROUNDING || step <= 0.0 || !step.is_finite() {
             return needed;
         }
-        let [lo, hi] = needed;
-        let rounded = [(lo / step).floor() * step, (hi / step).ceil() * step];
-        held.filter(|[low, high]| {
-            *low <= lo && hi <= *high && *low >= rounded[0] - step && *high <= rounded[1] + step
-        })
-        .unwrap_or(rounded)
+        let [lo, hi] = needed.map(|end| end / step);
+        let rounded = [(lo + ROUNDING).floor(), (hi - ROUNDING).ceil()];
+        let in_steps = |[low, high]: [f64; 2]| [low / step, high / step];
+        held.update(
+            rounded.map(|end| end * step),
+            |value| {
+                let [low, high] = in_steps(value);
+                low <= lo + ROUNDING && high >= hi - ROUNDING
+            },
+            |value| {
+                let [low, high] = in_steps(value);
+                low >= rounded[0] - 1.0 - ROUNDING && high <= rounded[1] + 1.0 + ROUNDING
+            },
+        )
+    }
+}
+
+impl<T: Copy> Held<T> {
+    /// What is held, or else what is `needed`.
+    fn update(&mut self, needed: T, suffices: impl Fn(T) -> bool, fits: impl Fn(T) -> bool) -> T {
+        let kept = self.value.filter(|value| suffices(*value));
+        match kept {
+            Some(value) if fits(value) => self.idle = 0,
+            Some(_) if self.idle < PATIENCE => self.idle += 1,
+            _ => {
+                *self = Self {
+                    value: Some(needed),
+                    idle: 0,
+                };
+            }
+        }
+        self.value.unwrap_or(needed)
     }
 }

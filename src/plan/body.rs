@@ -99,13 +99,9 @@ fn steady_bounds(
     }
     let pad = DVec3::splat(LEAST_THICKNESS * radius);
     let needed = [lo - pad, hi + pad];
-    let held = history.bounds;
-    let axis = |axis: usize| {
-        let of = |[lo, hi]: Bounds| [lo[axis], hi[axis]];
-        Slack(slack).interval(of(needed), radius, held.map(of))
-    };
-    let [x, y, z] = [0, 1, 2].map(axis);
-    let bounds = [DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1])];
-    history.bounds = Some(bounds);
-    bounds
+    let [x, y, z] = [0, 1, 2].map(|axis| {
+        let needed = needed.map(|corner| corner[axis]);
+        Slack(slack).interval(needed, radius, &mut history.bounds[axis])
+    });
+    [DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1])]
 }

@@ -1,5 +1,7 @@
 //! What [`CascadeFit::Auto`] chooses, from predictions.
 
+use glam::UVec2;
+
 use super::{CascadeHistory, PlanInputs, body::Body, layout::Layout, map, size::even_size};
 use crate::{
     config::{CascadeFit, MAX_CASCADES, MapFit, SplitScheme},
@@ -13,9 +15,8 @@ const FINE_ENOUGH: f64 = 0.5;
 const HOLD: f64 = 1.1;
 
 /// Pixels across a texel of a map, as predicted where they are most.
-fn coarseness(inputs: &PlanInputs, body: &Body, fit: MapFit) -> f64 {
-    let size = even_size(inputs.config);
-    map::lay(inputs, body, fit, size, Slack(0.0), &mut None)
+fn coarseness(inputs: &PlanInputs, body: &Body, fit: MapFit, size: UVec2) -> f64 {
+    map::lay(inputs, body, fit, size, Slack(0.0), &mut Default::default())
         .and_then(|laid| laid.aliasing(inputs, body))
         .map_or(f64::INFINITY, |worst| {
             let pixels = worst.pixels_per_texel(size.as_dvec2(), inputs.image_height);
@@ -49,12 +50,17 @@ pub(super) fn fit(
             price
         }
     };
+    let size = even_size(inputs.config, index);
     let of = |fit| {
-        let coarse = coarseness(inputs, body, fit);
+        let coarse = coarseness(inputs, body, fit, size);
         (fit, coarse, coarse * price(fit))
     };
+    let stable = of(first);
+    if stable.1 <= FINE_ENOUGH {
+        return (first, stable.1);
+    }
     let best = fits.map(of).fold(
-        of(first),
+        stable,
         |best, other| {
             if other.2 < best.2 { other } else { best }
         },
@@ -67,6 +73,11 @@ pub(super) fn fit(
 pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], held: Option<usize>) -> usize {
     let config = inputs.config;
     let all = config.cascades as usize;
+    if config.fit == CascadeFit::Faces {
+        // The number of faces changes with the direction of light and view. Once there have been
+        // many, slices stay as few as those leave, or shadows would change to and fro.
+        return held.unwrap_or(all);
+    }
     if !config.fit.chooses() || matches!(config.splits, SplitScheme::Manual(_)) {
         return all;
     }

@@ -3,7 +3,12 @@
 use super::{CascadeHistory, PlanInputs, body::Body};
 use crate::{
     config::{CascadeFit, MapFit, ParallelSplitShadows, ShadowFocus, SplitScheme},
-    geometry::{body::ConvexBody, face::Wedge, split::split_planes, steady::Slack},
+    geometry::{
+        body::ConvexBody,
+        face::Wedge,
+        split::split_planes,
+        steady::{Held, Slack},
+    },
 };
 
 /// Slices along the view and, where faces have maps of their own, wedges across it: each slice has
@@ -12,26 +17,36 @@ pub(super) struct Layout<'a> {
     config: &'a ParallelSplitShadows,
     /// One more than slices that cascades may be for; planes of those not in use lie at the end.
     planes: Vec<f64>,
-    /// Where whatever receives shadows ends.
-    range_far: f64,
+    /// Depth at which shadows begin to fade.
+    fade_start: f64,
     slices: usize,
     wedges: Vec<Wedge>,
 }
 
 impl<'a> Layout<'a> {
-    pub fn new(inputs: &PlanInputs<'a>, [near, far]: [f64; 2], slices: usize) -> Self {
+    /// `range` is where splits are spread; the last slice reaches to the configuration's far all
+    /// the same. At most so many `slices` as there are cascades for.
+    pub fn new(inputs: &PlanInputs<'a>, range: [f64; 2], slices: usize) -> Self {
         let config = inputs.config;
         let wedges = wedges(inputs);
-        let slices = slices.min(config.cascades as usize / wedges.len().max(1));
-        let mut planes = split_planes(&config.splits, near, far, slices);
-        planes.resize(config.cascades as usize + 1, far);
+        let slices = slices.min(slices_for(config, wedges.len()));
+        let mut planes = split_planes(&config.splits, range[0], range[1], slices);
+        planes.resize(config.cascades as usize + 1, config.far);
+        for plane in &mut planes[slices..] {
+            *plane = config.far;
+        }
         Self {
             config,
             planes,
-            range_far: far,
+            fade_start: fade_start(config),
             slices,
             wedges,
         }
+    }
+
+    /// Slices that are in use.
+    pub fn slices(&self) -> usize {
+        self.slices
     }
 
     fn slice(&self, index: usize) -> usize {
@@ -50,17 +65,12 @@ impl<'a> Layout<'a> {
     }
 
     fn blend_start_of(&self, slice: usize) -> f64 {
-        let far = self.planes[slice + 1];
-        let share = if far >= self.config.far {
-            // Where the last planes fall together, the first to reach them is the last to be seen.
-            self.config.fade
-        } else if far >= self.range_far {
-            // Nothing is farther.
-            0.0
+        let [near, far] = [self.planes[slice], self.planes[slice + 1]];
+        if far >= self.config.far {
+            self.fade_start.max(near)
         } else {
-            self.config.blend
-        };
-        far - share * (far - self.planes[slice])
+            far - self.config.blend * (far - near)
+        }
     }
 
     /// Depths that a cascade must cover.
@@ -98,6 +108,25 @@ impl<'a> Layout<'a> {
     }
 }
 
+/// Slices that cascades suffice for, if each needs one for each of some wedges.
+fn slices_for(config: &ParallelSplitShadows, wedges: usize) -> usize {
+    config.cascades as usize / wedges.max(1)
+}
+
+/// Depth at which shadows begin to fade, whatever splits are spread over: a share of the last
+/// slice that the configuration would have.
+fn fade_start(config: &ParallelSplitShadows) -> f64 {
+    let planes = split_planes(
+        &config.splits,
+        config.near,
+        config.far,
+        config.cascades as usize,
+    );
+    // Where the last planes fall together, the first to reach them is the last to be seen.
+    let last = planes.iter().rfind(|plane| **plane < config.far);
+    config.far - config.fade * (config.far - last.unwrap_or(&config.near))
+}
+
 fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
     // Fog looks its cascade up by depth alone.
     if inputs.config.fit == CascadeFit::Faces && !inputs.receivers.has_fog() {
@@ -116,7 +145,7 @@ pub(super) fn is_focused(inputs: &PlanInputs) -> bool {
 const STABLE_SLACK: f64 = 0.25;
 
 /// The depths between which splits are spread: those at which anything receives shadows.
-pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Option<f64>; 2]) -> [f64; 2] {
+pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Held<f64>; 2]) -> [f64; 2] {
     let PlanInputs { view, config, .. } = inputs;
     let whole = [config.near, config.far];
     let chooses = config.fit.chooses();
@@ -150,7 +179,7 @@ pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Option<f64>; 2]) -> [
     } else {
         config.slack
     });
-    let range = [slack.shorter(near, held[0]), slack.length(far, held[1])];
-    *held = range.map(Some);
+    let [held_near, held_far] = held;
+    let range = [slack.shorter(near, held_near), slack.length(far, held_far)];
     [range[0].max(config.near), range[1].min(config.far)]
 }

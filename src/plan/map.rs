@@ -9,7 +9,7 @@ use crate::{
         aliasing::Aliasing,
         fit::{self, MapBox},
         hull::CasterHull,
-        steady::Slack,
+        steady::{Held, Slack},
         warp,
     },
 };
@@ -31,7 +31,7 @@ pub(super) fn lay(
     fit: MapFit,
     map_size: UVec2,
     slack: Slack,
-    held: &mut Option<DVec2>,
+    held: &mut [Held<f64>; 2],
 ) -> Option<Laid> {
     let PlanInputs {
         view,

@@ -17,9 +17,9 @@ use crate::{
         fit::LookupReach,
         hull::CasterHull,
         light_frame::LightFrame,
-        receivers::{Bounds, Receivers},
+        receivers::Receivers,
         slice::ViewVolume,
-        steady::Slack,
+        steady::{Held, Slack},
     },
 };
 
@@ -104,7 +104,7 @@ pub struct PlanHistory {
     /// What it was made with: another configuration starts anew.
     config: Option<ParallelSplitShadows>,
     /// Depths between which splits are spread.
-    range: [Option<f64>; 2],
+    range: [Held<f64>; 2],
     /// Slices in use.
     slices: Option<usize>,
     cascades: [CascadeHistory; MAX_CASCADES],
@@ -112,12 +112,13 @@ pub struct PlanHistory {
 
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 struct CascadeHistory {
-    bounds: Option<Bounds>,
+    /// Of what receives shadows, along the world's axes.
+    bounds: [Held<[f64; 2]>; 3],
     /// Of a tight map (metres).
-    extent: Option<DVec2>,
+    extent: [Held<f64>; 2],
     fit: Option<MapFit>,
     /// Of a map from a budget (texels).
-    size: Option<DVec2>,
+    size: [Held<f64>; 2],
 }
 
 /// Plans all cascades of a light for a view.
@@ -131,8 +132,8 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     }
     let range = layout::split_range(inputs, &mut history.range);
     let slices = choose::slice_count(inputs, range, history.slices);
-    history.slices = Some(slices);
     let layout = Layout::new(inputs, range, slices);
+    history.slices = Some(layout.slices());
 
     let held = &mut history.cascades;
     let bodies = layout.bodies(inputs, held);

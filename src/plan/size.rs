@@ -13,13 +13,13 @@ use crate::{
 const LEAST_SLACK: f64 = 0.05;
 
 /// A size for predictions before sizes are known.
-pub(super) fn even_size(config: &ParallelSplitShadows) -> UVec2 {
+pub(super) fn even_size(config: &ParallelSplitShadows, index: usize) -> UVec2 {
     match config.map_size {
         MapSize::Budget(texels) => {
             let even = f64::from(texels) / f64::from(config.cascades);
             UVec2::splat(even.sqrt() as u32)
         }
-        _ => config.map_size.of_cascade(0).unwrap_or_default(),
+        _ => config.map_size.of_cascade(index).unwrap_or_default(),
     }
 }
 
@@ -37,7 +37,7 @@ pub(super) fn map_sizes(
         let of_cascade = |index| config.map_size.of_cascade(index);
         return (0..count).filter_map(of_cascade).collect();
     };
-    let even = even_size(config);
+    let even = even_size(config, 0);
     let predicted = |index: usize| -> Option<Aliasing> {
         let fit = fits[index];
         // A stable map's size must not depend on what is in its slice.
@@ -45,7 +45,8 @@ pub(super) fn map_sizes(
             .then(|| Body::of_slice(inputs, layout.interval(index)))
             .flatten();
         let body = whole.as_ref().or(bodies[index].as_ref())?;
-        map::lay(inputs, body, fit, even, Slack(0.0), &mut None)?.aliasing(inputs, body)
+        let laid = map::lay(inputs, body, fit, even, Slack(0.0), &mut Default::default())?;
+        laid.aliasing(inputs, body)
     };
     let aliasing: Vec<_> = (0..bodies.len()).map(predicted).collect();
     let total: f64 = aliasing.iter().flatten().map(|it| it.storage()).sum();
@@ -58,12 +59,8 @@ pub(super) fn map_sizes(
             };
             let texels = f64::from(budget) * aliasing.storage() / total;
             let wanted = aliasing.balanced_resolution(texels).clamp(least, most);
-            let held = &mut held[index].size;
-            let size = DVec2::new(
-                slack.shorter(wanted.x, held.map(|held| held.x)),
-                slack.shorter(wanted.y, held.map(|held| held.y)),
-            );
-            *held = Some(size);
+            let [across, up] = &mut held[index].size;
+            let size = DVec2::new(slack.shorter(wanted.x, across), slack.shorter(wanted.y, up));
             size.as_uvec2().max(UVec2::splat(MIN_MAP_SIZE))
         })
         .collect()

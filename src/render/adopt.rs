@@ -337,10 +337,8 @@ pub(super) fn adopt_views(
         || records
             .iter()
             .any(|(_, record)| slots_needed(record) > MAX_DIRECTIONAL_LIGHTS);
+    left_to_bevy.set(too_many);
     if layers == 0 || too_many {
-        if too_many {
-            left_to_bevy.set();
-        }
         if too_many && !*warned {
             *warned = true;
             warn!(

@@ -26,7 +26,6 @@ use super::options::LookupOptions;
 use crate::{
     debug::ShadowOverlay,
     plan::CascadePlan,
-    shaders::ShaderParts,
     systems::{ManagedLight, ShadowPlans, parked_cascade},
 };
 
@@ -76,7 +75,8 @@ impl From<&CascadePlan> for ExtractedCascade {
             depth_per_metre: map.map_or(0.0, |map| {
                 map.clip_from_world.row(2).truncate().length() as f32
             }),
-            blend_start: plan.blend_start as f32,
+            // Apart from the end, or shaders would divide by nothing.
+            blend_start: plan.blend_start.min(plan.far - 1e-6 * plan.far.abs()) as f32,
             far: plan.far as f32,
             wedge: plan.wedge.map(|wedge| ExtractedWedge {
                 side: wedge.side,
@@ -90,7 +90,6 @@ pub(super) fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
     lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
     overlay: Extract<Res<ShadowOverlay>>,
-    parts: Extract<Res<ShaderParts>>,
     stock: Extract<Res<DirectionalLightShadowMap>>,
 ) {
     extracted.stock_size = stock.size;
@@ -111,7 +110,7 @@ pub(super) fn extract_shadows(
                 )
             })
             .collect();
-        let options = LookupOptions::new(config, directional, **parts);
+        let options = LookupOptions::new(config, directional);
         extracted
             .lights
             .insert(MainEntity::from(light), ExtractedLight { options, views });

@@ -30,7 +30,7 @@ use bevy::{
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
-        renderer::RenderDevice,
+        renderer::RenderDevice, settings::WgpuFeatures,
     },
 };
 
@@ -56,12 +56,16 @@ pub enum PssmRenderSystems {
 #[derive(Resource, Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct GpuSupport {
     layers: u32,
+    depth_clip_control: bool,
 }
 
 impl Default for GpuSupport {
     fn default() -> Self {
         // Without a renderer (servers, tests) planning goes on as though there were one.
-        Self { layers: u32::MAX }
+        Self {
+            layers: u32::MAX,
+            depth_clip_control: true,
+        }
     }
 }
 
@@ -72,6 +76,11 @@ impl GpuSupport {
         MAX_DIRECTIONAL_LIGHTS > 1
             && MAX_CASCADES_PER_LIGHT >= MAX_CASCADES
             && self.layers >= MAX_CASCADES as u32
+    }
+
+    /// Bevy's stand-in for unclipped depth does not divide by w.
+    pub(crate) fn warps(self) -> bool {
+        self.depth_clip_control
     }
 }
 
@@ -123,10 +132,10 @@ pub(crate) fn build(app: &mut App) {
 }
 
 pub(crate) fn finish(app: &mut App) {
-    let Some(limits) = app
+    let Some((limits, features)) = app
         .get_sub_app(RenderApp)
         .and_then(|render_app| render_app.world().get_resource::<RenderDevice>())
-        .map(RenderDevice::limits)
+        .map(|device| (device.limits(), device.features()))
     else {
         return;
     };
@@ -135,6 +144,7 @@ pub(crate) fn finish(app: &mut App) {
         .set(limits.max_texture_dimension_2d);
     let support = GpuSupport {
         layers: limits.max_texture_array_layers,
+        depth_clip_control: features.contains(WgpuFeatures::DEPTH_CLIP_CONTROL),
     };
     if !support.shadows() {
         warn!("This GPU has no array textures: Bevy's own shadows stay in force");

@@ -8,7 +8,7 @@ use crate::{
         ShadowBias, ShadowFilter, depth_multiplier, normal_multiplier,
     },
     geometry::bias::{LEAST_SLOPE, TAP_REACH},
-    shaders::{ShaderParts, code},
+    shaders::code,
 };
 
 /// As `LightSlot` and the border of `CascadeSlot` in `shaders/slot.wesl`.
@@ -26,11 +26,7 @@ pub(crate) struct LookupOptions {
 }
 
 impl LookupOptions {
-    pub fn new(
-        config: &ParallelSplitShadows,
-        light: &DirectionalLight,
-        parts: ShaderParts,
-    ) -> Self {
+    pub fn new(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
         let kind = config.filter_for(light);
         let (filter, size, in_metres) = match kind {
             ShadowFilter::Camera => (code::FILTER_CAMERA, 1.0, false),
@@ -74,7 +70,7 @@ impl LookupOptions {
                 depth_multiplier(light.shadow_depth_bias) as f32,
                 side,
             ],
-            border: kind.reach_texels(config.has_square_texels() && !parts.warps) as f32,
+            border: kind.reach_texels(config.has_square_texels()) as f32,
         }
     }
 }

@@ -44,8 +44,7 @@ pub struct ShaderParts {
     pub temporal: bool,
     /// [`ShadowFilter::Soft`].
     pub soft: bool,
-    /// [`CascadeFit::Warped`], `Faces` and `Auto`, and maps in perspective that a system of your own puts
-    /// into [`ShadowPlans`](crate::ShadowPlans).
+    /// [`CascadeFit::Warped`], `Faces` and `Auto`.
     pub warps: bool,
     /// [`CascadeFit::Faces`].
     pub faces: bool,
@@ -110,13 +109,17 @@ impl ShaderParts {
     }
 }
 
-/// Set by the render world once it has left maps of managed lights to Bevy: shared by both worlds.
+/// Set by the render world while it leaves maps of managed lights to Bevy: shared by both worlds.
 #[derive(Resource, Debug, Default, Clone)]
 pub(crate) struct LeftToBevy(Arc<AtomicBool>);
 
 impl LeftToBevy {
-    pub fn set(&self) {
-        self.0.store(true, Ordering::Relaxed);
+    pub fn set(&self, left: bool) {
+        self.0.store(left, Ordering::Relaxed);
+    }
+
+    pub fn get(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
     }
 }
 
@@ -129,7 +132,7 @@ pub(crate) fn add_needed_parts(
 ) {
     let mut needed = *parts;
     needed.overlays |= *overlay != ShadowOverlay::None;
-    needed.stock |= left_to_bevy.0.load(Ordering::Relaxed);
+    needed.stock |= left_to_bevy.get();
     for (light, managed) in &lights {
         match managed.and_then(ManagedLight::config) {
             Some(config) => needed = needed.union(ShaderParts::of_light(config, light)),

@@ -26,7 +26,7 @@ use bevy::{
 use super::{ManagedLight, ShadowPlans, plan::published_cascade};
 use crate::{config::CasterCulling, plan::CascadePlan};
 
-/// The first and last cascade that a caster is drawn into.
+/// The first and last cascade that a caster is drawn into. One in between may do without it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CascadeRange {
     /// Index of the first.

@@ -17,9 +17,10 @@ use bevy::{
 
 use super::{CasterCascades, ShadowPlans};
 use crate::{
-    config::{MaxMapSize, ParallelSplitShadows, ShadowPreset},
+    config::{CascadeFit, MaxMapSize, ParallelSplitShadows, ShadowPreset},
     geometry::split::split_planes,
     render::GpuSupport,
+    shaders::LeftToBevy,
 };
 
 /// The plugin's record of a light: the configuration in force and Bevy's settings to restore.
@@ -28,15 +29,19 @@ use crate::{
 #[require(ShadowPlans, CasterCascades)]
 pub struct ManagedLight {
     last_good: Option<ParallelSplitShadows>,
+    /// That, as far as the GPU goes along.
+    in_force: Option<ParallelSplitShadows>,
     /// When the configuration looked at last was written.
     seen: Option<Tick>,
     stock: Option<StockShadows>,
 }
 
 impl ManagedLight {
-    /// The last good configuration; `None` while Bevy's own shadows are in force.
+    /// The configuration in force: the last good one, without warps where the GPU cannot draw them,
+    /// and stable over whole slices where Bevy's pass draws the cascades. `None` while Bevy's own
+    /// shadows are in force.
     pub fn config(&self) -> Option<&ParallelSplitShadows> {
-        self.last_good.as_ref()
+        self.in_force.as_ref()
     }
 
     /// Takes a configuration if it is good, and warns of it once if not.
@@ -45,6 +50,7 @@ impl ManagedLight {
         light: Entity,
         config: &Ref<ParallelSplitShadows>,
         max_map_size: u32,
+        adapted: impl FnOnce(&ParallelSplitShadows) -> CascadeFit,
     ) -> Option<&ParallelSplitShadows> {
         // Not `is_changed`, which has passed if the light was not there yet or was disabled.
         if self.seen != Some(config.last_changed()) {
@@ -54,17 +60,31 @@ impl ManagedLight {
                 Err(error) => warn!("Keeping the last good shadows of light {light}: {error}"),
             }
         }
-        self.last_good.as_ref()
+        let last_good = self.last_good.as_ref()?;
+        let fit = adapted(last_good);
+        let in_force = self.in_force.as_ref();
+        if in_force.is_none_or(|it| (&it.fit, it) != (&fit, &with_fit(last_good, &it.fit))) {
+            self.in_force = Some(with_fit(last_good, &fit));
+        }
+        self.in_force.as_ref()
     }
 
     /// Gives Bevy its settings back.
     fn release(&mut self, light: &mut DirectionalLight, cascade_config: &mut CascadeShadowConfig) {
         self.last_good = None;
+        self.in_force = None;
         self.seen = None;
         if let Some(stock) = self.stock.take() {
             light.shadow_maps_enabled &= stock.shadow_maps_enabled;
             *cascade_config = stock.cascade_config;
         }
+    }
+}
+
+fn with_fit(config: &ParallelSplitShadows, fit: &CascadeFit) -> ParallelSplitShadows {
+    ParallelSplitShadows {
+        fit: fit.clone(),
+        ..config.clone()
     }
 }
 
@@ -138,6 +158,7 @@ pub(super) fn manage_lights(
     mut commands: Commands,
     max_map_size: Res<MaxMapSize>,
     support: Res<GpuSupport>,
+    left_to_bevy: Option<Res<LeftToBevy>>,
     mut lights: Query<(
         Entity,
         Option<Ref<ParallelSplitShadows>>,
@@ -168,7 +189,15 @@ pub(super) fn manage_lights(
             continue;
         };
         let Some(published) = managed
-            .consider(entity, &wanted, max_map_size.get())
+            .consider(entity, &wanted, max_map_size.get(), |config| {
+                if left_to_bevy.as_ref().is_some_and(|left| left.get()) {
+                    CascadeFit::Stable
+                } else if support.warps() {
+                    config.fit.clone()
+                } else {
+                    config.fit.unwarped()
+                }
+            })
             .map(published_config)
         else {
             continue;

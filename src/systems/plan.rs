@@ -4,16 +4,19 @@
 use core::any::TypeId;
 
 use bevy::{
+    asset::Assets,
     camera::{
         Camera, Camera3d, Projection,
         primitives::{Aabb, CascadesFrusta},
-        visibility::{InheritedVisibility, NoCpuCulling, NoFrustumCulling, VisibleEntities},
+        visibility::{
+            InheritedVisibility, NoAutoAabb, NoCpuCulling, NoFrustumCulling, VisibleEntities,
+        },
     },
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap},
         query::{Has, With, Without},
-        system::{Local, Query},
+        system::{Local, Query, Res},
     },
     light::{
         Cascades, DirectionalLight, NotShadowReceiver, VolumetricFog, VolumetricLight,
@@ -21,7 +24,7 @@ use bevy::{
     },
     log::warn,
     math::{DAffine3, DMat3, Mat4, Vec3},
-    mesh::Mesh3d,
+    mesh::{Mesh as MeshAsset, Mesh3d},
     transform::components::GlobalTransform,
 };
 
@@ -54,6 +57,8 @@ type Mesh<'a> = (
     &'a GlobalTransform,
     &'a InheritedVisibility,
     Has<NoFrustumCulling>,
+    Has<NoAutoAabb>,
+    &'a Mesh3d,
 );
 
 type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
@@ -74,8 +79,14 @@ pub fn plan_shadows(
         &mut Cascades,
         &mut CascadesFrusta,
     )>,
+    assets: Option<Res<Assets<MeshAsset>>>,
     mut warned: Local<bool>,
 ) {
+    let is_there = |mesh: &Mesh3d| {
+        assets
+            .as_ref()
+            .is_none_or(|assets| assets.contains(&mesh.0))
+    };
     let is_focused = |managed: &ManagedLight| {
         let config = managed.config();
         config.is_some_and(|config| config.focus == ShadowFocus::Receivers)
@@ -95,7 +106,7 @@ pub fn plan_shadows(
                 let seen = view_volume(transform, projection, camera).map(|volume| {
                     let receivers = if gathers {
                         let visible = visible.get(TypeId::of::<Mesh3d>()).iter().copied();
-                        receivers(&volume, &meshes, visible.chain(&unculled))
+                        receivers(&volume, &meshes, visible.chain(&unculled), is_there)
                     } else {
                         Receivers::everywhere(&volume)
                     };
@@ -158,12 +169,17 @@ fn receivers(
     view: &ViewVolume,
     meshes: &Query<Mesh, IsReceiver>,
     visible: impl Iterator<Item = Entity>,
+    is_there: impl Fn(&Mesh3d) -> bool,
 ) -> Receivers {
     let mut receivers = Receivers::new(view);
-    for (aabb, transform, inherited, is_unbounded) in meshes.iter_many(visible).flatten() {
+    for (aabb, transform, inherited, no_culling, no_bounds, mesh) in
+        meshes.iter_many(visible).flatten()
+    {
         match aabb {
             _ if !inherited.get() => {}
-            Some(aabb) if !is_unbounded => {
+            // Still loading, and not drawn.
+            None if !no_culling && !no_bounds && !is_there(mesh) => {}
+            Some(aabb) if !no_culling => {
                 let (centre, half_axes) = world_bounds(aabb, &transform.affine());
                 receivers.add(centre, &half_axes);
             }

@@ -10,6 +10,7 @@ use bevy_pssm::{
         light_frame::LightFrame,
         receivers::Receivers,
         slice::ViewVolume,
+        steady::{Held, PATIENCE, Slack},
         warp::{self, WarpFrame, body_vertices},
     },
     plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
@@ -405,8 +406,7 @@ fn splits_are_spread_where_there_is_anything() {
     assert!(focused.iter().all(|cascade| cascade.map.is_some()));
     assert!(focused[0].far > 200.0, "{}", focused[0].far);
     let last = &focused[3];
-    assert!(last.far < 700.0, "{}", last.far);
-    assert_eq!(last.blend_start, last.far, "nothing to fade");
+    assert!(focused[2].far < 600.0, "{}", focused[2].far);
 
     // Stable maps keep their planes, and those in the air stay empty.
     let stable = with(CascadeFit::Stable, ShadowFocus::Receivers);
@@ -414,7 +414,11 @@ fn splits_are_spread_where_there_is_anything() {
     assert!(stable[0].map.is_none() && stable[3].map.is_some());
     let whole = with(CascadeFit::Tight, ShadowFocus::Off);
     assert!(whole.iter().all(|cascade| cascade.map.is_some()));
-    assert_eq!(whole[3].far, 800.0);
+    assert_eq!((last.far, whole[3].far), (800.0, 800.0));
+    assert_eq!(
+        last.blend_start, whole[3].blend_start,
+        "fading does not move"
+    );
     let texel = |plan: &CascadePlan| plan.map.as_ref().unwrap().texel.max_element();
     assert!(texel(last) < 0.8 * texel(&whole[3]));
 }
@@ -480,5 +484,229 @@ fn etas_are_known_warps() {
     for [a, b, c] in [[-1.0, -0.5, 0.0], [0.0, 0.5, 1.0]] {
         let middle = 0.5 * (worst(a) + worst(c));
         approx::assert_relative_eq!(worst(b), middle, max_relative = 1e-6);
+    }
+}
+
+/// Held values grow at once, jitter about a boundary does not move them, and they shrink late.
+#[test]
+fn what_is_held_does_not_flip() {
+    for slack in [0.01, 0.05, 0.1, 0.25, 1.0] {
+        for power in 1..60 {
+            let boundary = (1.0 + slack as f64).powi(power);
+            let mut held = [Held::default(); 2];
+            let mut changes = [0; 2];
+            let mut before: Option<[f64; 2]> = None;
+            for frame in 0..100 {
+                let jitter = 1.0 + 1e-4 * f64::from(frame % 2) - 5e-5;
+                let [a, b] = &mut held;
+                let now = [
+                    Slack(slack).length(boundary * jitter, a),
+                    Slack(slack).shorter(boundary * jitter, b),
+                ];
+                assert!(now[0] >= boundary * jitter * (1.0 - 1e-8));
+                assert!(now[1] <= boundary * jitter * (1.0 + 1e-8));
+                for (changes, (now, before)) in changes
+                    .iter_mut()
+                    .zip(now.iter().zip(before.iter().flatten()))
+                {
+                    *changes += usize::from(now != before);
+                }
+                before = Some(now);
+            }
+            assert!(
+                changes.iter().all(|count| *count <= 1),
+                "{slack} {power}: {changes:?}"
+            );
+        }
+        let mut held = Held::default();
+        let mut changes = 0;
+        for frame in 0..100 {
+            let shift = 1e-3 * f64::from(frame % 2);
+            let needed = [-3.0 - shift, 40.0 * slack + shift];
+            let before = held;
+            let [low, high] = Slack(slack).interval(needed, 10.0, &mut held);
+            assert!(low <= needed[0] + 1e-6 && high >= needed[1] - 1e-6);
+            changes += usize::from(frame > 0 && before != held);
+        }
+        assert!(changes <= 1, "{slack}: {changes}");
+    }
+    let slack = Slack(0.1);
+    let mut held = Held::default();
+    let wide = slack.length(100.0, &mut held);
+    for _ in 0..PATIENCE {
+        assert_eq!(slack.length(50.0, &mut held), wide);
+    }
+    assert!(slack.length(50.0, &mut held) < 56.0);
+    assert!(slack.length(120.0, &mut held) >= 120.0);
+    for none in [0.0, 1e-17] {
+        assert_eq!(Slack(none).length(50.0, &mut Held::default()), 50.0);
+    }
+}
+
+/// Over flat ground.
+fn ground(eye: f64, pitch: f32) -> Scene {
+    Scene {
+        eye: DVec3::new(0.0, eye, 0.0),
+        turn: Quat::from_rotation_x(pitch),
+        fov: 0.8,
+        aspect: 1.6,
+        things: vec![Thing {
+            centre: DVec3::ZERO,
+            half: DVec3::new(900.0, 5.0, 900.0),
+        }],
+    }
+}
+
+/// Budgets are kept, equally sharp maps get what they need, and stable ones do not depend on what
+/// is in them.
+#[test]
+fn budgets_are_shared() {
+    const BUDGET: u32 = 4 << 20;
+    let to_light = DVec3::new(0.3, 0.7, -0.45).normalize();
+    let with = |fit, map_size| ParallelSplitShadows {
+        fit,
+        map_size,
+        splits: SplitScheme::Practical { lambda: 0.97 },
+        slack: 0.0,
+        ..Default::default()
+    };
+    let texels = |plans: &[CascadePlan]| -> u64 {
+        let area = |plan: &CascadePlan| u64::from(plan.map_size.x) * u64::from(plan.map_size.y);
+        plans.iter().map(area).sum()
+    };
+    let sharpness = |plans: &[CascadePlan]| {
+        let of = plans
+            .iter()
+            .filter_map(|plan| plan.texels_per_pixel(1080.0));
+        of.fold((f64::INFINITY, 0.0_f64), |(lo, hi), it| {
+            (lo.min(it), hi.max(it))
+        })
+    };
+    let scene = ground(10.0, -0.1);
+    for fit in [CascadeFit::Tight, CascadeFit::Warped(MapWarp::Minimax)] {
+        let plans = scene.plan(&with(fit.clone(), MapSize::Budget(BUDGET)), to_light);
+        assert!(texels(&plans) <= u64::from(BUDGET));
+        assert!(
+            texels(&plans) > u64::from(BUDGET) * 7 / 10,
+            "{}",
+            texels(&plans)
+        );
+        let (least, most) = sharpness(&plans);
+        let (even, uneven) = sharpness(&scene.plan(&with(fit, MapSize::Same(1024)), to_light));
+        assert!(least > even, "{least} {even}");
+        assert!(
+            most / least < uneven / even,
+            "{most} {least} {uneven} {even}"
+        );
+    }
+    let stable = with(CascadeFit::Stable, MapSize::Budget(BUDGET));
+    let sizes = |scene: &Scene| -> Vec<_> {
+        let plans = scene.plan(&stable, to_light);
+        plans.iter().map(|plan| plan.map_size).collect()
+    };
+    assert_eq!(sizes(&scene)[..3], sizes(&ground(12.0, -0.3))[..3]);
+}
+
+/// Choices are held, and released when they are no longer worth it.
+#[test]
+fn auto_chooses_what_is_worth_it() {
+    let to_light = DVec3::new(0.3, 0.9, -0.1).normalize();
+    let fits = |prefer, size, scene: &Scene| -> Vec<MapFit> {
+        let config = ParallelSplitShadows {
+            fit: CascadeFit::Auto { prefer },
+            map_size: MapSize::Same(size),
+            ..Default::default()
+        };
+        let plans = scene.plan(&config, to_light);
+        plans
+            .iter()
+            .filter_map(|plan| Some(plan.map.as_ref()?.fit))
+            .collect()
+    };
+    let scene = ground(10.0, -0.1);
+    let stable = fits(Preference::Stability, 1024, &scene);
+    assert!(
+        stable.iter().all(|fit| *fit == MapFit::Stable),
+        "{stable:?}"
+    );
+    assert_eq!(stable, fits(Preference::Between(0.0), 1024, &scene));
+    let sharp = fits(Preference::Sharpness, 512, &scene);
+    assert!(sharp.iter().all(|fit| *fit != MapFit::Stable), "{sharp:?}");
+    let some = fits(Preference::Between(0.2), 512, &scene);
+    let steady = |fits: &[MapFit]| fits.iter().filter(|it| **it == MapFit::Stable).count();
+    assert!(steady(&some) >= steady(&sharp), "{some:?}");
+    // Maps that are fine enough need nothing.
+    let fine = fits(Preference::Between(0.1), 16384, &scene);
+    assert!(steady(&fine) > 0, "{fine:?}");
+
+    // From straight above one depth holds everything.
+    let count = |scene: &Scene| fits(Preference::Sharpness, 1024, scene).len();
+    assert_eq!(count(&scene), 4);
+    assert!(count(&ground(300.0, -1.57)) <= 2);
+}
+
+/// While a camera moves, choices and layouts change seldom, and not to and fro.
+#[test]
+fn choices_do_not_flip() {
+    let to_light = DVec3::new(0.05, 1.0, 0.02).normalize();
+    for fit in [
+        CascadeFit::Faces,
+        CascadeFit::Auto {
+            prefer: Preference::Between(0.5),
+        },
+    ] {
+        let config = ParallelSplitShadows {
+            fit: fit.clone(),
+            map_size: MapSize::Same(1024),
+            ..Default::default()
+        };
+        let mut history = PlanHistory::default();
+        let mut before = None;
+        let mut changes = 0;
+        for frame in 0..200 {
+            // Nodding about the horizon.
+            let scene = ground(6.0, 0.02 * (0.7 * frame as f32).sin());
+            let view = scene.view();
+            let inputs = PlanInputs {
+                view: &view,
+                light: &LightFrame::new(to_light).unwrap(),
+                config: &config,
+                reach: REACH,
+                receivers: &scene.receivers(&view),
+                image_height: 1080.0,
+            };
+            let plans = plan_cascades(&inputs, &mut history);
+            let used: Vec<_> = plans
+                .iter()
+                .map(|plan| Some(plan.map.as_ref()?.fit))
+                .collect();
+            let ends: Vec<_> = plans.iter().map(|plan| (plan.far * 1e3) as i64).collect();
+            let layout = (used.iter().flatten().count(), ends);
+            changes += usize::from(before.as_ref().is_some_and(|before| *before != layout));
+            before = Some(layout);
+        }
+        // Faces come and go with the horizon, slices do not come back.
+        let most = if fit == CascadeFit::Faces { 90 } else { 6 };
+        assert!(changes <= most, "{fit:?}: {changes}");
+    }
+}
+
+/// Shadows fade over the same depths whatever is seen.
+#[test]
+fn fading_does_not_depend_on_what_is_seen() {
+    let last_fade = |far: f64| {
+        let mut scene = ground(10.0, -0.05);
+        scene.things[0].half = DVec3::new(far, 5.0, far);
+        let config = ParallelSplitShadows {
+            fit: CascadeFit::Tight,
+            ..Default::default()
+        };
+        let plans = scene.plan(&config, DVec3::new(0.3, 0.7, 0.2).normalize());
+        (plans[3].blend_start, plans[3].far)
+    };
+    let whole = last_fade(900.0);
+    assert_eq!(whole.1, 500.0);
+    for far in [100.0, 300.0, 450.0, 480.0, 495.0, 500.0, 520.0] {
+        assert_eq!(last_fade(far), whole);
     }
 }

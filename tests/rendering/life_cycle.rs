@@ -8,7 +8,7 @@ use bevy::{
         occlusion_culling::OcclusionCulling, render_resource::WgpuFeatures, settings::WgpuSettings,
     },
 };
-use bevy_pssm::prelude::*;
+use bevy_pssm::{ShadowPlans, prelude::*};
 
 use crate::{
     compare::{assert_identical, assert_same_shadows, share_differing},
@@ -239,6 +239,24 @@ fn without_depth_clip_control() {
         &with,
         &unshadowed,
     );
+    // Warps, which Bevy's stand-in for it cannot draw, give way to tight maps.
+    for fit in [
+        CascadeFit::Warped(MapWarp::Strength(1.0)),
+        CascadeFit::Faces,
+    ] {
+        let mut entity = stage.world().entity_mut(sun);
+        entity.insert(ParallelSplitShadows { fit, ..shadows() });
+        let picture = stage.picture();
+        let plans = stage.world().get::<ShadowPlans>(sun).unwrap();
+        let maps = plans
+            .views
+            .values()
+            .flatten()
+            .filter_map(|plan| plan.map.as_ref());
+        assert!(maps.clone().count() > 0);
+        assert!(maps.clone().all(|map| map.fit == MapFit::Tight));
+        assert_same_shadows("no_depth_clip_control_warped", &picture, &with, &unshadowed);
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! From a scene and settings to figures.
 
 use bevy::prelude::GlobalTransform;
+use bevy_pssm::ShadowPlans;
 
 use super::{
     accuracy::{Accuracy, Figures, Truth},
@@ -113,8 +114,17 @@ impl Studio {
         Shot { picture, shares }
     }
 
+    /// Has maps forget what they hold on to, as from place to place.
+    fn forget(&mut self) {
+        let sun = self.sun;
+        if let Some(mut plans) = self.world().get_mut::<ShadowPlans>(sun) {
+            *plans = ShadowPlans::default();
+        }
+    }
+
     /// By pixel, the share of the sun's light under what is in force.
     pub fn shares(&mut self, view: &View) -> Vec<Option<f32>> {
+        self.forget();
         self.take(view, Nudge::default()).shares
     }
 
@@ -142,6 +152,7 @@ impl Studio {
         let mut shots: Vec<Shot> = Vec::new();
         let mut frames = Vec::new();
         for view in views {
+            self.forget();
             let shot = self.take(view, Nudge::default());
             frames.push(self.cost.clone());
             accuracy.add(&view.truth, &shot.shares);
@@ -153,6 +164,10 @@ impl Studio {
         }
         let mut view_of: Vec<usize> = (0..views.len()).collect();
         for (index, (view, before)) in views.iter().zip(&shots).enumerate() {
+            if !view.steady.is_empty() {
+                self.forget();
+                self.take(view, Nudge::default());
+            }
             for (motion, flips) in Motion::ALL.into_iter().zip(&mut flips) {
                 for (step, steady) in view.steady.iter().enumerate() {
                     let after = self.take(view, Nudge(Some((motion, step + 1))));
@@ -189,6 +204,7 @@ impl Studio {
     pub fn figures(&mut self, views: &[View], mut done: impl FnMut()) -> Figures {
         let mut accuracy = Accuracy::default();
         for view in views {
+            self.forget();
             let shot = self.take(view, Nudge::default());
             accuracy.add(&view.truth, &shot.shares);
             done();

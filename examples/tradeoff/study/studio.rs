@@ -10,7 +10,7 @@ use bevy::{
     prelude::*,
     render::{render_resource::TextureFormat, settings::WgpuSettings},
 };
-use bevy_pssm::{ShadowPlans, prelude::*};
+use bevy_pssm::prelude::*;
 use half::f16;
 use image::RgbImage;
 
@@ -241,10 +241,7 @@ impl Studio {
                     ..config.clone()
                 };
                 let world = self.world();
-                // What settings before this one had maps hold on to is forgotten.
-                world
-                    .entity_mut(sun)
-                    .insert((config, ShadowPlans::default()));
+                world.entity_mut(sun).insert(config);
                 if let Some(mut light) = world.get_mut::<DirectionalLight>(sun) {
                     light.shadow_depth_bias = DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS;
                     light.shadow_normal_bias = DirectionalLight::DEFAULT_SHADOW_NORMAL_BIAS;
