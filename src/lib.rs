@@ -23,10 +23,12 @@
 //! - [`PssmSystems`] and [`PssmRenderSystems`] are the system sets of the main and the render
 //!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
-//!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`,
-//!   `CascadeShadowConfig`, `CascadesFrusta` and `CascadesVisibleEntities` are kept true.
+//!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`, `CascadesFrusta`
+//!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
+//!   configured, which fitted maps spread over what is seen.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
-//! - [`ShadowOverlay`] shows cascades, shadows, biases or texels per pixel in the picture.
+//! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
+//!   the picture.
 //! - [`ShaderParts`] are the parts of the shader that are compiled in: what settings have asked
 //!   for so far.
 //! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
@@ -36,6 +38,7 @@
 //! - Bevy's light uniform has ten slots; each managed light uses one more of them. With so many
 //!   lights, or maps for so many cameras, that slots or texture layers run out, the plugin says
 //!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
+//! - GPUs without `DEPTH_CLIP_CONTROL` get tight maps where warped ones are asked for.
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
 pub mod config;

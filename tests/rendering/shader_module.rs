@@ -98,7 +98,7 @@ fn every_flag_combination_compiles() {
     switches.sort_unstable();
     switches.dedup();
     let mut compiled = 0;
-    for set in 0..256 {
+    for set in 0..128_u32 {
         let has = |bit: u32| set & (1 << bit) != 0;
         let parts = ShaderParts {
             biases: has(0),
@@ -108,7 +108,8 @@ fn every_flag_combination_compiles() {
             warps: has(4),
             overlays: has(5),
             stock: has(6),
-            faces: has(7),
+            // With half of everything else.
+            faces: set.count_ones() % 2 == 1,
         };
         let mut shader = replacement.clone();
         shader.shader_defs = shader_defs(parts);
@@ -123,8 +124,8 @@ fn every_flag_combination_compiles() {
         let wide = parts.tents || parts.warps;
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
-            0 | 255 => &platforms[..],
-            _ => &platforms[set % 5..][..1],
+            0 | 127 => &platforms[..],
+            _ => &platforms[set as usize % 5..][..1],
         };
         cache.set_shader(module, shader);
         for filter in filters {
@@ -159,5 +160,5 @@ fn every_flag_combination_compiles() {
             }
         }
     }
-    assert_eq!(compiled, (254 + 2 * 5) * 4);
+    assert_eq!(compiled, (126 + 2 * 5) * 4);
 }

@@ -167,6 +167,8 @@ impl Studio {
             if !view.steady.is_empty() {
                 self.forget();
                 self.take(view, Nudge::default());
+                frames.push(self.cost.clone());
+                view_of.push(index);
             }
             for (motion, flips) in Motion::ALL.into_iter().zip(&mut flips) {
                 for (step, steady) in view.steady.iter().enumerate() {
