@@ -78,9 +78,10 @@ impl Body {
     }
 
     fn clipped(mut self, planes: &[HalfSpace]) -> Option<Self> {
-        let within = |body: ConvexBody| body.within(planes.iter().copied());
-        self.whole = within(self.whole);
-        self.beyond_near = self.beyond_near.map(within);
+        self.whole = self.whole.within(planes.iter().copied());
+        self.beyond_near = self
+            .beyond_near
+            .map(|beyond| beyond.within(planes.iter().copied()));
         (!self.whole.is_empty()).then_some(self)
     }
 }

@@ -301,7 +301,7 @@ proptest! {
 
     /// As the light turns to the view's direction, the map becomes the unwarped one.
     #[test]
-    fn maps_converge_to_unwarped_ones(scene in scene(), warp in warp(), side in 0.0..6.28_f64) {
+    fn maps_converge_to_unwarped_ones(scene in scene(), warp in warp(), side in 0.0..core::f64::consts::TAU) {
         let view = scene.view();
         let slice = view.slice(2.0, 150.0).expect("not empty");
         let body = ConvexBody::of_slice(&slice);
@@ -490,9 +490,9 @@ fn etas_are_known_warps() {
 /// Held values grow at once, jitter about a boundary does not move them, and they shrink late.
 #[test]
 fn what_is_held_does_not_flip() {
-    for slack in [0.01, 0.05, 0.1, 0.25, 1.0] {
+    for slack in [0.01_f64, 0.05, 0.1, 0.25, 1.0] {
         for power in 1..60 {
-            let boundary = (1.0 + slack as f64).powi(power);
+            let boundary = (1.0 + slack).powi(power);
             let mut held = [Held::default(); 2];
             let mut changes = [0; 2];
             let mut before: Option<[f64; 2]> = None;
