@@ -1,26 +1,24 @@
 //! What a camera and a light cost the CPU each frame: gathering what the camera sees, planning, and
 //! testing casters.
 
+#[path = "../examples/common/server.rs"]
+mod server;
+
 use core::hint::black_box;
 
 use bevy::{
     camera::{CameraProjection, PerspectiveProjection, primitives::Aabb},
-    log::LogPlugin,
     math::{DAffine3, DMat3, DVec3},
     prelude::*,
-    render::{
-        RenderPlugin,
-        settings::{RenderCreation, WgpuSettings},
-    },
-    winit::WinitPlugin,
 };
 use bevy_pssm::{
-    CascadeFit, MapWarp, ParallelSplitShadows, Preference, PssmPlugin,
+    CascadeFit, MapWarp, ParallelSplitShadows, Preference,
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
     plan::{PlanHistory, PlanInputs, plan_cascades},
     systems::plan_shadows,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
+use server::server_app;
 
 const CASTERS: usize = 10_000;
 const RECEIVERS: usize = 100_000;
@@ -120,27 +118,8 @@ fn gathering(criterion: &mut Criterion) {
     }
 }
 
-/// Without a renderer.
 fn crowded_app(fit: CascadeFit) -> App {
-    let mut app = App::new();
-    let no_gpu = WgpuSettings {
-        backends: None,
-        ..default()
-    };
-    app.add_plugins((
-        DefaultPlugins
-            .set(RenderPlugin {
-                render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                ..default()
-            })
-            .set(WindowPlugin {
-                primary_window: None,
-                ..default()
-            })
-            .disable::<WinitPlugin>()
-            .disable::<LogPlugin>(),
-        PssmPlugin,
-    ));
+    let mut app = server_app(AssetPlugin::default());
     app.finish();
     app.cleanup();
     let world = app.world_mut();

@@ -29,7 +29,7 @@ impl<'a> Layout<'a> {
     pub fn new(inputs: &PlanInputs<'a>, range: [f64; 2], slices: usize) -> Self {
         let config = inputs.config;
         let wedges = wedges(inputs);
-        let slices = slices.min(slices_for(config, wedges.len()));
+        let slices = slices.min(config.cascades as usize / wedges.len().max(1));
         let mut planes = split_planes(&config.splits, range[0], range[1], slices);
         planes.resize(config.cascades as usize + 1, config.far);
         for plane in &mut planes[slices..] {
@@ -106,11 +106,6 @@ impl<'a> Layout<'a> {
             })
             .collect()
     }
-}
-
-/// Slices that cascades suffice for, if each needs one for each of some wedges.
-fn slices_for(config: &ParallelSplitShadows, wedges: usize) -> usize {
-    config.cascades as usize / wedges.max(1)
 }
 
 /// Depth at which shadows begin to fade, whatever splits are spread over: a share of the last

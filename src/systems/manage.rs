@@ -61,11 +61,10 @@ impl ManagedLight {
             }
         }
         let last_good = self.last_good.as_ref()?;
-        let fit = adapted(last_good);
-        let in_force = self.in_force.as_ref();
-        if in_force.is_none_or(|it| (&it.fit, it) != (&fit, &with_fit(last_good, &it.fit))) {
-            self.in_force = Some(with_fit(last_good, &fit));
-        }
+        self.in_force = Some(ParallelSplitShadows {
+            fit: adapted(last_good),
+            ..last_good.clone()
+        });
         self.in_force.as_ref()
     }
 
@@ -78,13 +77,6 @@ impl ManagedLight {
             light.shadow_maps_enabled &= stock.shadow_maps_enabled;
             *cascade_config = stock.cascade_config;
         }
-    }
-}
-
-fn with_fit(config: &ParallelSplitShadows, fit: &CascadeFit) -> ParallelSplitShadows {
-    ParallelSplitShadows {
-        fit: fit.clone(),
-        ..config.clone()
     }
 }
 

@@ -8,16 +8,12 @@ use bevy::{
     },
     ecs::{entity_disabling::Disabled, prelude::*},
     light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
-    log::LogPlugin,
     prelude::*,
-    render::{
-        RenderPlugin,
-        settings::{RenderCreation, WgpuSettings},
-    },
     shape::ViewFrustum,
-    winit::WinitPlugin,
 };
 use bevy_pssm::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans, prelude::*};
+
+use crate::server::server_app;
 
 /// Casters that Bevy's own culling found for managed lights: must stay none.
 #[derive(Resource, Default)]
@@ -29,29 +25,8 @@ pub fn app() -> App {
 
 /// An app without a renderer, with assets of one's own.
 pub fn app_with_assets(assets: AssetPlugin) -> App {
-    let mut app = App::new();
-    // As on a server: all of Bevy but the renderer.
-    let no_gpu = WgpuSettings {
-        backends: None,
-        ..default()
-    };
-    app.add_plugins((
-        DefaultPlugins
-            .set(assets)
-            .set(RenderPlugin {
-                render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                ..default()
-            })
-            .set(WindowPlugin {
-                primary_window: None,
-                ..default()
-            })
-            .disable::<WinitPlugin>()
-            .disable::<LogPlugin>(),
-        PssmPlugin,
-    ))
-    .init_resource::<FoundByBevy>()
-    .add_systems(
+    let mut app = server_app(assets);
+    app.init_resource::<FoundByBevy>().add_systems(
         PostUpdate,
         count_found_by_bevy
             .after(SimulationLightSystems::CheckLightVisibility)

@@ -1,5 +1,7 @@
 //! Everything that needs no GPU: mathematics, configuration, ECS behaviour.
 
+#[path = "../../examples/common/server.rs"]
+mod server;
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
