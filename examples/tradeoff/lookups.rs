@@ -7,7 +7,8 @@ use bevy::{light::ShadowFilteringMethod, prelude::*};
 use bevy_pssm::prelude::*;
 
 use crate::study::{
-    cases::{BiasFaults, Case, bevys_studio, case_studio},
+    cases::{Case, bevys_studio, case_studio},
+    faults::BiasFaults,
     run::{Effort, View},
     settings::{Setting, Stock},
     studio::Studio,

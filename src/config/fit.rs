@@ -79,8 +79,8 @@ pub enum MapFit {
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum MapWarp {
-    /// As makes the worst error least, never worse than without; fades to nothing as view and
-    /// light align.
+    /// As makes the worst error along the warp least, and predicted to need at most a hundredth more
+    /// texels than no warp; fades to nothing as view and light align.
     #[default]
     Minimax,
     /// Light-space perspective shadow maps (Scherzer and Wimmer, Eq. 1): equal errors at the near

@@ -78,17 +78,31 @@ impl ConvexBody {
         })
     }
 
-    /// The half-spaces that a box between two corners is made of.
-    pub fn planes_of_box([min, max]: [DVec3; 2]) -> [HalfSpace; 6] {
-        let plane = |normal: DVec3, distance: f64| HalfSpace { normal, distance };
-        [
-            plane(DVec3::X, max.x),
-            plane(DVec3::Y, max.y),
-            plane(DVec3::Z, max.z),
-            plane(DVec3::NEG_X, -min.x),
-            plane(DVec3::NEG_Y, -min.y),
-            plane(DVec3::NEG_Z, -min.z),
-        ]
+    /// The half-spaces of its faces.
+    pub fn planes(&self) -> impl Iterator<Item = HalfSpace> {
+        let inside = self.centre();
+        self.faces().filter_map(move |face| {
+            let normal = self.outward_normal(face, inside)?;
+            Some(HalfSpace {
+                normal,
+                distance: normal.dot(self.corners[face[0]]),
+            })
+        })
+    }
+
+    /// Newell's normal, for rings of any length; `None` for a face without area (the near face of
+    /// a slice that starts at the eye).
+    pub(super) fn outward_normal(&self, face: &[usize], inside: DVec3) -> Option<DVec3> {
+        let corner = |i: usize| self.corners[face[i % face.len()]] - inside;
+        let normal = (0..face.len())
+            .map(|i| corner(i).cross(corner(i + 1)))
+            .sum::<DVec3>()
+            .try_normalize()?;
+        Some(if normal.dot(corner(0)) < 0.0 {
+            -normal
+        } else {
+            normal
+        })
     }
 
     /// Whether nothing is left.

@@ -21,7 +21,7 @@ impl CasterHull {
         let inside = body.centre();
         let faces: Vec<Option<DVec3>> = body
             .faces()
-            .map(|face| outward_normal(body, face, inside))
+            .map(|face| body.outward_normal(face, inside))
             .collect();
         let mut planes = Vec::with_capacity(12);
         let mut push = |normal: DVec3| {
@@ -78,21 +78,6 @@ impl CasterHull {
             plane.normal.dot(centre) - reach > plane.distance
         })
     }
-}
-
-/// Newell's normal, for rings of any length; `None` for a face without area (the near face of a
-/// slice that starts at the eye).
-fn outward_normal(body: &ConvexBody, face: &[usize], inside: DVec3) -> Option<DVec3> {
-    let corner = |i: usize| body.corners[face[i % face.len()]] - inside;
-    let normal = (0..face.len())
-        .map(|i| corner(i).cross(corner(i + 1)))
-        .sum::<DVec3>()
-        .try_normalize()?;
-    Some(if normal.dot(corner(0)) < 0.0 {
-        -normal
-    } else {
-        normal
-    })
 }
 
 /// Pairs of faces with the edge that they share.

@@ -1,7 +1,8 @@
 //! Pure shadow-map mathematics on `glam` types, in `f64`, free of ECS, assets and GPU.
 //!
 //! One idea a file: [`split`] says where cascades end, [`mod@slice`] cuts the view volume there,
-//! [`receivers`] says where there is anything to shadow, and [`body`] clips a slice to it.
+//! [`receivers`] says where there is anything to shadow, large meshes by their [`mod@parts`], and [`body`]
+//! clips a slice to it.
 //! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map there and [`mod@warp`] one
 //! in perspective; [`steady`] keeps either from changing its size with every frame. [`hull`] decides
 //! which casters can matter and [`aliasing`] tells how good a map is. [`bias`] says how much nearer
@@ -15,6 +16,7 @@ pub mod face;
 pub mod fit;
 pub mod hull;
 pub mod light_frame;
+pub mod parts;
 pub mod receivers;
 pub mod slice;
 pub mod split;

@@ -1,41 +1,105 @@
 //! What receives shadows before a camera, as boxes: where cascades are worth anything.
 
-use glam::{DMat3, DVec3};
+use glam::{BVec4, DMat3, DVec3, DVec4};
 
-use super::slice::ViewVolume;
+use super::{
+    body::{ConvexBody, HalfSpace},
+    slice::{Slice, ViewVolume},
+};
+
+/// Bounds of something along the world's axes and in depth: x, y, z and the depth before the eye
+/// (metres). Ends in no order if it is nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Extent {
+    /// Lower ends.
+    pub lo: DVec4,
+    /// Upper ends.
+    pub hi: DVec4,
+}
+
+impl Extent {
+    /// Holds nothing.
+    pub const NOTHING: Self = Self {
+        lo: DVec4::INFINITY,
+        hi: DVec4::NEG_INFINITY,
+    };
+
+    /// Has no bounds.
+    pub const EVERYTHING: Self = Self {
+        lo: DVec4::NEG_INFINITY,
+        hi: DVec4::INFINITY,
+    };
+
+    /// Whether it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.lo.cmpgt(self.hi).any()
+    }
+
+    /// Whether all ends are finite.
+    pub fn is_finite(&self) -> bool {
+        self.lo.is_finite() && self.hi.is_finite()
+    }
+
+    /// The half-spaces that bound it.
+    pub fn planes(&self, view: &ViewVolume) -> [HalfSpace; 8] {
+        let per_depth = view.per_depth();
+        let (forward, length) = (per_depth.normalize(), per_depth.length());
+        let plane = |normal: DVec3, distance: f64| HalfSpace { normal, distance };
+        let eye = forward.dot(view.eye);
+        let [x, y, z, near, far] = [DVec3::X, DVec3::Y, DVec3::Z, -forward, forward];
+        [
+            plane(x, self.hi.x),
+            plane(y, self.hi.y),
+            plane(z, self.hi.z),
+            plane(-x, -self.lo.x),
+            plane(-y, -self.lo.y),
+            plane(-z, -self.lo.z),
+            plane(near, -eye - self.lo.w / length),
+            plane(far, eye + self.hi.w / length),
+        ]
+    }
+
+    fn of_points(points: &[DVec3], view: &ViewVolume) -> Self {
+        let per_depth = view.per_depth();
+        points.iter().fold(Self::NOTHING, |bounds, point| {
+            let at = point.extend(per_depth.dot(*point - view.eye));
+            bounds.or(&Self { lo: at, hi: at })
+        })
+    }
+
+    fn or(&self, other: &Self) -> Self {
+        Self {
+            lo: self.lo.min(other.lo),
+            hi: self.hi.max(other.hi),
+        }
+    }
+
+    fn and(&self, other: &Self) -> Self {
+        Self {
+            lo: self.lo.max(other.lo),
+            hi: self.hi.min(other.hi),
+        }
+    }
+
+    fn holds(&self, other: &Self) -> bool {
+        (self.lo.cmple(other.lo) & self.hi.cmpge(other.hi)) == BVec4::TRUE
+    }
+}
 
 /// The boxes of everything that a camera sees and that receives shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Receivers {
-    eye: DVec3,
-    /// A point's depth is its product with this, from the eye.
-    per_depth: DVec3,
-    boxes: Vec<ReceiverBox>,
+    view: ViewVolume,
+    boxes: Vec<Extent>,
     everywhere: bool,
     fog: bool,
 }
-
-/// A box along the world's axes, and the depths between which it lies.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct ReceiverBox {
-    lo: DVec3,
-    hi: DVec3,
-    near: f64,
-    far: f64,
-}
-
-/// A box along the world's axes, as lower and upper corner.
-pub type Bounds = [DVec3; 2];
-
-/// Holds nothing.
-const NOWHERE: Bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
 
 impl Receivers {
     /// None yet.
     pub fn new(view: &ViewVolume) -> Self {
         Self {
-            eye: view.eye,
-            per_depth: view.per_depth(),
+            view: *view,
             boxes: Vec::new(),
             everywhere: false,
             fog: false,
@@ -67,15 +131,16 @@ impl Receivers {
     /// space. Not if the box is not finite: then nothing is seen of it.
     pub fn add(&mut self, centre: DVec3, half_axes: &DMat3) {
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
-        let depth = self.per_depth.dot(centre - self.eye);
-        let reach = (half_axes.transpose() * self.per_depth).abs().element_sum();
-        if (centre.abs() + half).is_finite() {
-            self.boxes.push(ReceiverBox {
-                lo: centre - half,
-                hi: centre + half,
-                near: depth - reach,
-                far: depth + reach,
-            });
+        let per_depth = self.view.per_depth();
+        let reach = (half_axes.transpose() * per_depth).abs().element_sum();
+        let middle = centre.extend(per_depth.dot(centre - self.view.eye));
+        let half = half.extend(reach);
+        let bounds = Extent {
+            lo: middle - half,
+            hi: middle + half,
+        };
+        if bounds.is_finite() {
+            self.boxes.push(bounds);
         }
     }
 
@@ -89,33 +154,75 @@ impl Receivers {
         self.fog
     }
 
-    /// Depths between which they lie, those behind the eye included (metres). In no order if
-    /// there are none.
-    pub fn depths(&self) -> [f64; 2] {
-        if self.everywhere {
-            return [f64::NEG_INFINITY, f64::INFINITY];
-        }
-        let start = [f64::INFINITY, f64::NEG_INFINITY];
-        self.boxes.iter().fold(start, |[near, far], it| {
-            [near.min(it.near), far.max(it.far)]
-        })
-    }
-
-    /// For each interval of depth the box around all that reaches into it, in one pass. Corners in
-    /// no order where there is nothing; infinite where they have no bounds.
-    pub fn bounds_between(&self, intervals: &[(f64, f64)]) -> Vec<Bounds> {
-        if self.everywhere {
-            return vec![[DVec3::NEG_INFINITY, DVec3::INFINITY]; intervals.len()];
-        }
-        let mut found = vec![NOWHERE; intervals.len()];
-        for it in &self.boxes {
-            for ([lo, hi], (near, far)) in found.iter_mut().zip(intervals) {
-                if it.near <= *far && it.far >= *near {
-                    *lo = lo.min(it.lo);
-                    *hi = hi.max(it.hi);
+    /// For each slice of the view the bounds of what they have in it, exactly: each box is clipped
+    /// by the slice. Empty where there is nothing, without bounds where they have none.
+    pub fn in_slices<'a>(
+        &self,
+        slices: impl IntoIterator<Item = Option<&'a Slice>>,
+    ) -> Vec<Extent> {
+        let mut parts: Vec<_> = slices
+            .into_iter()
+            .map(|slice| slice.map(|slice| Part::new(slice, &self.view)))
+            .collect();
+        if !self.everywhere {
+            for it in &self.boxes {
+                for part in parts.iter_mut().flatten() {
+                    part.add(it, &self.view);
                 }
             }
         }
-        found
+        let found = |part: Option<Part>| match part {
+            _ if self.everywhere => Extent::EVERYTHING,
+            Some(part) => part.found,
+            None => Extent::NOTHING,
+        };
+        parts.into_iter().map(found).collect()
+    }
+}
+
+/// A slice, and what has been found in it.
+struct Part {
+    bounds: Extent,
+    body: ConvexBody,
+    planes: Vec<HalfSpace>,
+    found: Extent,
+}
+
+impl Part {
+    fn new(slice: &Slice, view: &ViewVolume) -> Self {
+        let body = ConvexBody::of_slice(slice);
+        Self {
+            bounds: Extent::of_points(&body.corners, view),
+            planes: body.planes().collect(),
+            body,
+            found: Extent::NOTHING,
+        }
+    }
+
+    fn add(&mut self, it: &Extent, view: &ViewVolume) {
+        let at_most = it.and(&self.bounds);
+        if at_most.is_empty() || self.found.holds(&at_most) {
+            return;
+        }
+        let centre = 0.5 * (it.lo + it.hi).truncate();
+        let half = 0.5 * (it.hi - it.lo).truncate();
+        let mut is_inside = true;
+        for plane in &self.planes {
+            let beyond = plane.normal.dot(centre) - plane.distance;
+            let reach = plane.normal.abs().dot(half);
+            if beyond > reach {
+                return;
+            }
+            is_inside &= beyond <= -reach;
+        }
+        if is_inside {
+            self.found = self.found.or(it);
+            return;
+        }
+        // Only those that would make what is found larger are worth the clipping.
+        let part = self.body.clone().within(it.planes(view));
+        if !part.is_empty() {
+            self.found = self.found.or(&Extent::of_points(&part.corners, view));
+        }
     }
 }

@@ -1,12 +1,12 @@
 //! The part of a slice that a map must cover.
 
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 
-use super::{CascadeHistory, PlanInputs, layout::is_focused};
+use super::{CascadeHistory, PlanInputs};
 use crate::geometry::{
     body::{ConvexBody, HalfSpace},
     face::Wedge,
-    receivers::Bounds,
+    receivers::Extent,
     slice::Slice,
     steady::Slack,
 };
@@ -22,22 +22,7 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// `None` if there is nothing in it.
-    pub fn new(
-        inputs: &PlanInputs,
-        interval: (f64, f64),
-        bounds: Bounds,
-        history: &mut CascadeHistory,
-    ) -> Option<Self> {
-        let body = Self::of_slice(inputs, interval)?;
-        if !is_focused(inputs) {
-            return Some(body);
-        }
-        let bounds = steady_bounds(bounds, inputs.config.slack, body.slice.radius, history);
-        body.clipped(&ConvexBody::planes_of_box(bounds))
-    }
-
-    /// All of a slice.
+    /// All of a slice. `None` if there is nothing between the depths.
     pub fn of_slice(inputs: &PlanInputs, (near, far): (f64, f64)) -> Option<Self> {
         let PlanInputs { view, config, .. } = inputs;
         let slice = view.slice(near, far)?;
@@ -58,6 +43,20 @@ impl Body {
             body.beyond_near = Some(body.whole.clone().within([beyond]));
         }
         Some(body)
+    }
+
+    /// The part in which something receives shadows, if there is any. `found` is their extent.
+    pub fn focused(
+        self,
+        inputs: &PlanInputs,
+        found: Extent,
+        history: &mut CascadeHistory,
+    ) -> Option<Self> {
+        if found.is_empty() {
+            return None;
+        }
+        let found = steady_extent(found, inputs.config.slack, self.slice.radius, history);
+        self.clipped(&found.planes(inputs.view))
     }
 
     /// What of it predictions and warps are for.
@@ -89,20 +88,17 @@ impl Body {
 /// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
 const LEAST_THICKNESS: f64 = 1e-4;
 
-fn steady_bounds(
-    [lo, hi]: Bounds,
-    slack: f64,
-    radius: f64,
-    history: &mut CascadeHistory,
-) -> Bounds {
-    if !(lo.is_finite() && hi.is_finite()) {
-        return [lo, hi];
-    }
-    let pad = DVec3::splat(LEAST_THICKNESS * radius);
-    let needed = [lo - pad, hi + pad];
+fn steady_extent(found: Extent, slack: f64, radius: f64, history: &mut CascadeHistory) -> Extent {
+    let pad = DVec4::splat(LEAST_THICKNESS * radius);
+    let [lo, hi] = [found.lo - pad, found.hi + pad];
+    let slack = Slack(slack);
     let [x, y, z] = [0, 1, 2].map(|axis| {
-        let needed = needed.map(|corner| corner[axis]);
-        Slack(slack).interval(needed, radius, &mut history.bounds[axis])
+        let needed = [lo[axis], hi[axis]];
+        slack.interval(needed, radius, &mut history.bounds[axis])
     });
-    [DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1])]
+    let [near, far] = &mut history.depths;
+    Extent {
+        lo: DVec4::new(x[0], y[0], z[0], slack.shorter(lo.w, near)),
+        hi: DVec4::new(x[1], y[1], z[1], slack.length(hi.w, far)),
+    }
 }

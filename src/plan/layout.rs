@@ -4,7 +4,6 @@ use super::{CascadeHistory, PlanInputs, body::Body};
 use crate::{
     config::{CascadeFit, MapFit, ParallelSplitShadows, ShadowFocus, SplitScheme},
     geometry::{
-        body::ConvexBody,
         face::Wedge,
         split::split_planes,
         steady::{Held, Slack},
@@ -87,24 +86,28 @@ impl<'a> Layout<'a> {
     /// What the cascades in use must cover.
     pub fn bodies(&self, inputs: &PlanInputs, held: &mut [CascadeHistory]) -> Vec<Option<Body>> {
         let used = self.slices * self.wedges.len().max(1);
-        let intervals: Vec<_> = (0..used).map(|index| self.interval(index)).collect();
-        let bounds = inputs.receivers.bounds_between(&intervals);
-        (0..used)
+        let mut bodies: Vec<_> = (0..used)
             .map(|index| {
                 let slice = self.slice(index);
                 // Where planes fall together the cascade before already reaches this far.
                 (self.planes[slice] < self.planes[slice + 1])
-                    .then(|| {
-                        let body =
-                            Body::new(inputs, intervals[index], bounds[index], &mut held[index])?;
-                        match self.wedge(index) {
-                            Some(wedge) => body.within(wedge),
-                            None => Some(body),
-                        }
-                    })
-                    .flatten()
+                    .then(|| Body::of_slice(inputs, self.interval(index)))?
             })
-            .collect()
+            .collect();
+        if is_focused(inputs) {
+            let slices = bodies.iter().map(|body| Some(&body.as_ref()?.slice));
+            let found = inputs.receivers.in_slices(slices);
+            for ((body, found), held) in bodies.iter_mut().zip(found).zip(held) {
+                *body = body
+                    .take()
+                    .and_then(|body| body.focused(inputs, found, held));
+            }
+        }
+        let in_wedge = |(index, body): (usize, Option<Body>)| match self.wedge(index) {
+            Some(wedge) => body?.within(wedge),
+            None => body,
+        };
+        bodies.into_iter().enumerate().map(in_wedge).collect()
     }
 }
 
@@ -152,19 +155,8 @@ pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Held<f64>; 2]) -> [f6
     let Some(slice) = view.slice(config.near, config.far) else {
         return whole;
     };
-    let [bounds] = inputs
-        .receivers
-        .bounds_between(&[(config.near, config.far)])[..]
-    else {
-        return whole;
-    };
-    let body = ConvexBody::of_slice(&slice).within(ConvexBody::planes_of_box(bounds));
-    let [mut near, mut far] = inputs.receivers.depths();
-    let depths = body.corners.iter().map(|corner| view.depth_of(*corner));
-    let nearest = depths.clone().fold(f64::INFINITY, f64::min);
-    let farthest = depths.fold(f64::NEG_INFINITY, f64::max);
-    near = near.max(nearest).max(config.near);
-    far = far.min(farthest).min(config.far);
+    let found = inputs.receivers.in_slices([Some(&slice)])[0];
+    let (near, far) = (found.lo.w.max(config.near), found.hi.w.min(config.far));
     if near >= far {
         return whole;
     }

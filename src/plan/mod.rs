@@ -114,6 +114,8 @@ pub struct PlanHistory {
 struct CascadeHistory {
     /// Of what receives shadows, along the world's axes.
     bounds: [Held<[f64; 2]>; 3],
+    /// Of the same, in depth.
+    depths: [Held<f64>; 2],
     /// Of a tight map (metres).
     extent: [Held<f64>; 2],
     fit: Option<MapFit>,

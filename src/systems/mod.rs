@@ -2,18 +2,24 @@
 
 mod cull;
 mod manage;
+mod parts;
 mod plan;
 
 pub use cull::{CascadeRange, CasterCascades, cull_casters};
 pub use manage::{AppliedPreset, ManagedLight};
+pub use parts::MeshParts;
 pub use plan::{ShadowPlans, parked_cascade, plan_shadows, view_volume};
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
-    asset::AssetTrackingSystems,
+    asset::{AssetEvent, AssetEventSystems, AssetTrackingSystems},
     camera::visibility::VisibilitySystems,
-    ecs::schedule::{IntoScheduleConfigs, SystemSet},
+    ecs::{
+        message::Messages,
+        schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
+    },
     light::SimulationLightSystems,
+    mesh::Mesh,
     transform::TransformSystems,
 };
 
@@ -34,6 +40,7 @@ pub enum PssmSystems {
 }
 
 pub(crate) fn build(app: &mut App) {
+    app.init_resource::<MeshParts>();
     app.configure_sets(
         PostUpdate,
         (
@@ -68,6 +75,10 @@ pub(crate) fn build(app: &mut App) {
         PostUpdate,
         (
             manage::manage_lights.in_set(PssmSystems::ManageLights),
+            parts::forget_parts
+                .after(AssetEventSystems)
+                .before(PssmSystems::PlanCascades)
+                .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
             plan_shadows.in_set(PssmSystems::PlanCascades),
             cull_casters.in_set(PssmSystems::CullCasters),
         ),

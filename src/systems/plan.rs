@@ -16,19 +16,19 @@ use bevy::{
         component::Component,
         entity::{Entity, EntityHashMap},
         query::{Has, With, Without},
-        system::{Local, Query, Res},
+        system::{Local, Query, Res, ResMut},
     },
     light::{
         Cascades, DirectionalLight, NotShadowReceiver, VolumetricFog, VolumetricLight,
         cascade::Cascade,
     },
     log::warn,
-    math::{DAffine3, DMat3, Mat4, Vec3},
+    math::{DAffine3, DMat3, DVec3, Mat4, Vec3},
     mesh::{Mesh as MeshAsset, Mesh3d},
     transform::components::GlobalTransform,
 };
 
-use super::{ManagedLight, cull::world_bounds};
+use super::{ManagedLight, MeshParts, cull::world_bounds};
 use crate::{
     config::ShadowFocus,
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
@@ -61,6 +61,9 @@ type Mesh<'a> = (
     &'a Mesh3d,
 );
 
+/// Boxes nearer than so many of their radii are close.
+const CLOSE: f64 = 2.0;
+
 type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -80,13 +83,9 @@ pub fn plan_shadows(
         &mut CascadesFrusta,
     )>,
     assets: Option<Res<Assets<MeshAsset>>>,
+    mut parts: ResMut<MeshParts>,
     mut warned: Local<bool>,
 ) {
-    let is_there = |mesh: &Mesh3d| {
-        assets
-            .as_ref()
-            .is_none_or(|assets| assets.contains(&mesh.0))
-    };
     let is_focused = |managed: &ManagedLight| {
         let config = managed.config();
         config.is_some_and(|config| config.focus == ShadowFocus::Receivers)
@@ -106,7 +105,8 @@ pub fn plan_shadows(
                 let seen = view_volume(transform, projection, camera).map(|volume| {
                     let receivers = if gathers {
                         let visible = visible.get(TypeId::of::<Mesh3d>()).iter().copied();
-                        receivers(&volume, &meshes, visible.chain(&unculled), is_there)
+                        let visible = visible.chain(&unculled);
+                        receivers(&volume, &meshes, visible, assets.as_deref(), &mut parts)
                     } else {
                         Receivers::everywhere(&volume)
                     };
@@ -128,7 +128,7 @@ pub fn plan_shadows(
         cascades.cascades.clear();
         frusta.frusta.clear();
 
-        let frame = LightFrame::new(transform.rotation().as_dquat() * glam::DVec3::Z);
+        let frame = LightFrame::new(transform.rotation().as_dquat() * DVec3::Z);
         let mut degenerate = frame.is_none();
         let ShadowPlans {
             views: planned,
@@ -169,8 +169,10 @@ fn receivers(
     view: &ViewVolume,
     meshes: &Query<Mesh, IsReceiver>,
     visible: impl Iterator<Item = Entity>,
-    is_there: impl Fn(&Mesh3d) -> bool,
+    assets: Option<&Assets<MeshAsset>>,
+    parts: &mut MeshParts,
 ) -> Receivers {
+    let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
     let mut receivers = Receivers::new(view);
     for (aabb, transform, inherited, no_culling, no_bounds, mesh) in
         meshes.iter_many(visible).flatten()
@@ -180,13 +182,33 @@ fn receivers(
             // Still loading, and not drawn.
             None if !no_culling && !no_bounds && !is_there(mesh) => {}
             Some(aabb) if !no_culling => {
-                let (centre, half_axes) = world_bounds(aabb, &transform.affine());
-                receivers.add(centre, &half_axes);
+                let world_from_local = transform.affine();
+                let (centre, half_axes) = world_bounds(aabb, &world_from_local);
+                let parts = match assets {
+                    Some(assets) if is_close(view, centre, &half_axes) => {
+                        parts.of(mesh.0.id(), aabb, assets)
+                    }
+                    _ => &[],
+                };
+                for part in parts {
+                    let (centre, half_axes) = world_bounds(part, &world_from_local);
+                    receivers.add(centre, &half_axes);
+                }
+                if parts.is_empty() {
+                    receivers.add(centre, &half_axes);
+                }
             }
             _ => receivers.add_everywhere(),
         }
     }
     receivers
+}
+
+/// Whether a box is so large, from where the eye is, that its parts should be told apart.
+fn is_close(view: &ViewVolume, centre: DVec3, half_axes: &DMat3) -> bool {
+    let half_axes = [half_axes.x_axis, half_axes.y_axis, half_axes.z_axis];
+    let radius_2: f64 = half_axes.iter().map(|axis| axis.length_squared()).sum();
+    centre.distance_squared(view.eye) < CLOSE * CLOSE * radius_2
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.

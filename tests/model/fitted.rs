@@ -240,8 +240,9 @@ proptest! {
     fn the_default_warp_never_costs_storage(scene in scene(), to_light in any_direction()) {
         let view = scene.view();
         let slice = view.slice(1.0, 300.0).expect("not empty");
-        let bounds = scene.receivers(&view).bounds_between(&[(1.0, 300.0)])[0];
-        let body = ConvexBody::of_slice(&slice).within(ConvexBody::planes_of_box(bounds));
+        let found = scene.receivers(&view).in_slices([Some(&slice)])[0];
+        prop_assume!(!found.is_empty());
+        let body = ConvexBody::of_slice(&slice).within(found.planes(&view));
         prop_assume!(body.faces().len() > 3);
         let (frame, strength) =
             warp::lay(MapWarp::Minimax, forward(&view), &view, to_light, &body).unwrap();

@@ -15,7 +15,8 @@ use image::RgbImage;
 use crate::{
     stage::take_turn,
     study::{
-        cases::{BiasFaults, Case, case_studio},
+        cases::{Case, case_studio},
+        faults::BiasFaults,
         run::{Effort, View},
         settings::Setting,
         studio::Studio,

@@ -17,10 +17,13 @@ use super::accuracy::Truth;
 
 /// A map and the depths it is for.
 pub struct Map {
-    clip_from_world: DMat4,
+    /// World space to its clip space.
+    pub clip_from_world: DMat4,
     axes: [DVec3; 2],
-    size: DVec2,
-    far: f64,
+    /// Texels.
+    pub size: DVec2,
+    /// Depth at which it ends (metres).
+    pub far: f64,
     /// Worst over the cascade's slice, in texels across a pixel of a picture so many pixels high.
     predicted: Option<f64>,
 }
