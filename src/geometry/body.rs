@@ -112,15 +112,18 @@ impl ConvexBody {
 
     /// The part within all half-spaces.
     pub fn within(mut self, planes: impl IntoIterator<Item = HalfSpace>) -> Self {
+        let tolerance = ON_PLANE * self.extent();
         for plane in planes {
-            self = self.clipped(plane);
+            let beyond = |corner: &DVec3| plane.normal.dot(*corner) - plane.distance;
+            if self.corners.iter().any(|corner| beyond(corner) > tolerance) {
+                self = self.clipped(plane, tolerance);
+            }
         }
         self
     }
 
     /// The part in a half-space: empty, or a body with at least one corner, flat perhaps.
-    fn clipped(self, plane: HalfSpace) -> Self {
-        let tolerance = ON_PLANE * self.extent();
+    fn clipped(self, plane: HalfSpace, tolerance: f64) -> Self {
         let beyond: Vec<f64> = self
             .corners
             .iter()
@@ -133,9 +136,6 @@ impl ConvexBody {
                 }
             })
             .collect();
-        if beyond.iter().all(|beyond| *beyond <= 0.0) {
-            return self;
-        }
         if beyond.iter().all(|beyond| *beyond > 0.0) {
             return Self::default();
         }

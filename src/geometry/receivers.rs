@@ -41,28 +41,26 @@ impl Extent {
     }
 
     /// The half-spaces that bound it.
-    pub fn planes(&self, view: &ViewVolume) -> [HalfSpace; 8] {
-        let per_depth = view.per_depth();
-        let (forward, length) = (per_depth.normalize(), per_depth.length());
+    pub fn planes(&self, depth: &Depth) -> [HalfSpace; 8] {
+        let length = depth.per_metre.length();
+        let forward = depth.per_metre / length;
+        let eye = forward.dot(depth.eye);
         let plane = |normal: DVec3, distance: f64| HalfSpace { normal, distance };
-        let eye = forward.dot(view.eye);
-        let [x, y, z, near, far] = [DVec3::X, DVec3::Y, DVec3::Z, -forward, forward];
         [
-            plane(x, self.hi.x),
-            plane(y, self.hi.y),
-            plane(z, self.hi.z),
-            plane(-x, -self.lo.x),
-            plane(-y, -self.lo.y),
-            plane(-z, -self.lo.z),
-            plane(near, -eye - self.lo.w / length),
-            plane(far, eye + self.hi.w / length),
+            plane(DVec3::X, self.hi.x),
+            plane(DVec3::Y, self.hi.y),
+            plane(DVec3::Z, self.hi.z),
+            plane(DVec3::NEG_X, -self.lo.x),
+            plane(DVec3::NEG_Y, -self.lo.y),
+            plane(DVec3::NEG_Z, -self.lo.z),
+            plane(-forward, -eye - self.lo.w / length),
+            plane(forward, eye + self.hi.w / length),
         ]
     }
 
-    fn of_points(points: &[DVec3], view: &ViewVolume) -> Self {
-        let per_depth = view.per_depth();
+    fn of_points(points: &[DVec3], depth: &Depth) -> Self {
         points.iter().fold(Self::NOTHING, |bounds, point| {
-            let at = point.extend(per_depth.dot(*point - view.eye));
+            let at = point.extend(depth.of(*point));
             bounds.or(&Self { lo: at, hi: at })
         })
     }
@@ -86,10 +84,32 @@ impl Extent {
     }
 }
 
+/// How deep points lie before an eye.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Depth {
+    eye: DVec3,
+    /// A point's depth is its product with this, from the eye.
+    per_metre: DVec3,
+}
+
+impl Depth {
+    /// Before a camera's.
+    pub fn new(view: &ViewVolume) -> Self {
+        Self {
+            eye: view.eye,
+            per_metre: view.per_depth(),
+        }
+    }
+
+    fn of(&self, point: DVec3) -> f64 {
+        self.per_metre.dot(point - self.eye)
+    }
+}
+
 /// The boxes of everything that a camera sees and that receives shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Receivers {
-    view: ViewVolume,
+    depth: Depth,
     boxes: Vec<Extent>,
     everywhere: bool,
     fog: bool,
@@ -99,7 +119,7 @@ impl Receivers {
     /// None yet.
     pub fn new(view: &ViewVolume) -> Self {
         Self {
-            view: *view,
+            depth: Depth::new(view),
             boxes: Vec::new(),
             everywhere: false,
             fog: false,
@@ -131,9 +151,10 @@ impl Receivers {
     /// space. Not if the box is not finite: then nothing is seen of it.
     pub fn add(&mut self, centre: DVec3, half_axes: &DMat3) {
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
-        let per_depth = self.view.per_depth();
-        let reach = (half_axes.transpose() * per_depth).abs().element_sum();
-        let middle = centre.extend(per_depth.dot(centre - self.view.eye));
+        let reach = (half_axes.transpose() * self.depth.per_metre)
+            .abs()
+            .element_sum();
+        let middle = centre.extend(self.depth.of(centre));
         let half = half.extend(reach);
         let bounds = Extent {
             lo: middle - half,
@@ -162,18 +183,18 @@ impl Receivers {
     ) -> Vec<Extent> {
         let mut parts: Vec<_> = slices
             .into_iter()
-            .map(|slice| slice.map(|slice| Part::new(slice, &self.view)))
+            .map(|slice| slice.map(|slice| Part::new(slice, &self.depth)))
             .collect();
         if !self.everywhere {
             for it in &self.boxes {
                 for part in parts.iter_mut().flatten() {
-                    part.add(it, &self.view);
+                    part.add(it);
                 }
             }
         }
         let found = |part: Option<Part>| match part {
             _ if self.everywhere => Extent::EVERYTHING,
-            Some(part) => part.found,
+            Some(part) => part.finish(&self.depth),
             None => Extent::NOTHING,
         };
         parts.into_iter().map(found).collect()
@@ -185,23 +206,27 @@ struct Part {
     bounds: Extent,
     body: ConvexBody,
     planes: Vec<HalfSpace>,
+    /// Around what lies wholly inside.
     found: Extent,
+    /// What may reach in from outside.
+    crossing: Vec<Extent>,
 }
 
 impl Part {
-    fn new(slice: &Slice, view: &ViewVolume) -> Self {
+    fn new(slice: &Slice, depth: &Depth) -> Self {
         let body = ConvexBody::of_slice(slice);
         Self {
-            bounds: Extent::of_points(&body.corners, view),
+            bounds: Extent::of_points(&body.corners, depth),
             planes: body.planes().collect(),
             body,
             found: Extent::NOTHING,
+            crossing: Vec::new(),
         }
     }
 
-    fn add(&mut self, it: &Extent, view: &ViewVolume) {
-        let at_most = it.and(&self.bounds);
-        if at_most.is_empty() || self.found.holds(&at_most) {
+    fn add(&mut self, it: &Extent) {
+        // Most lie before or behind.
+        if it.lo.w > self.bounds.hi.w || it.hi.w < self.bounds.lo.w || self.adds_nothing(it) {
             return;
         }
         let centre = 0.5 * (it.lo + it.hi).truncate();
@@ -217,12 +242,25 @@ impl Part {
         }
         if is_inside {
             self.found = self.found.or(it);
-            return;
+        } else {
+            self.crossing.push(*it);
         }
-        // Only those that would make what is found larger are worth the clipping.
-        let part = self.body.clone().within(it.planes(view));
-        if !part.is_empty() {
-            self.found = self.found.or(&Extent::of_points(&part.corners, view));
+    }
+
+    fn adds_nothing(&self, it: &Extent) -> bool {
+        let at_most = it.and(&self.bounds);
+        at_most.is_empty() || self.found.holds(&at_most)
+    }
+
+    /// Only what would make that larger is worth the clipping.
+    fn finish(mut self, depth: &Depth) -> Extent {
+        for it in core::mem::take(&mut self.crossing) {
+            if !self.adds_nothing(&it) {
+                let part = self.body.clone().within(it.planes(depth));
+                let part = Extent::of_points(&part.corners, depth);
+                self.found = self.found.or(&part);
+            }
         }
+        self.found
     }
 }

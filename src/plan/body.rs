@@ -6,7 +6,7 @@ use super::{CascadeHistory, PlanInputs};
 use crate::geometry::{
     body::{ConvexBody, HalfSpace},
     face::Wedge,
-    receivers::Extent,
+    receivers::{Depth, Extent},
     slice::Slice,
     steady::Slack,
 };
@@ -56,7 +56,7 @@ impl Body {
             return None;
         }
         let found = steady_extent(found, inputs.config.slack, self.slice.radius, history);
-        self.clipped(&found.planes(inputs.view))
+        self.clipped(&found.planes(&Depth::new(inputs.view)))
     }
 
     /// What of it predictions and warps are for.

@@ -1,15 +1,16 @@
 //! Maps that are fitted to what receives shadows, warped or not: what they must cover, and what they
 //! must not do.
 
-use bevy::math::{DMat3, DVec2, DVec3, Quat, Vec3};
+use bevy::math::{DMat3, DVec2, DVec3, DVec4, Quat, Vec3};
 use bevy_pssm::{
     geometry::{
         body::ConvexBody,
         face::Wedge,
         fit::LookupReach,
         light_frame::LightFrame,
-        receivers::Receivers,
-        slice::ViewVolume,
+        parts::parts,
+        receivers::{Depth, Extent, Receivers},
+        slice::{Slice, ViewVolume},
         steady::{Held, PATIENCE, Slack},
         warp::{self, WarpFrame, body_vertices},
     },
@@ -242,7 +243,7 @@ proptest! {
         let slice = view.slice(1.0, 300.0).expect("not empty");
         let found = scene.receivers(&view).in_slices([Some(&slice)])[0];
         prop_assume!(!found.is_empty());
-        let body = ConvexBody::of_slice(&slice).within(found.planes(&view));
+        let body = ConvexBody::of_slice(&slice).within(found.planes(&Depth::new(&view)));
         prop_assume!(body.faces().len() > 3);
         let (frame, strength) =
             warp::lay(MapWarp::Minimax, forward(&view), &view, to_light, &body).unwrap();
@@ -252,6 +253,97 @@ proptest! {
         let [warped, unwarped] = [strength, 0.0].map(storage);
         prop_assert!(warped <= 1.02 * unwarped, "{warped} {unwarped}");
     }
+}
+
+/// The box around what things have in a slice, each clipped by itself.
+fn exact_extent(scene: &Scene, view: &ViewVolume, slice: &Slice) -> [DVec4; 2] {
+    let parts = scene.things.iter().map(|thing| {
+        let [lo, hi] = [thing.centre - thing.half, thing.centre + thing.half];
+        ConvexBody::of_box(lo, hi).within(ConvexBody::of_slice(slice).planes())
+    });
+    let corners = parts.flat_map(|part| part.corners);
+    let at = corners.map(|corner| corner.extend(view.depth_of(corner)));
+    at.fold([DVec4::INFINITY, DVec4::NEG_INFINITY], |[lo, hi], at| {
+        [lo.min(at), hi.max(at)]
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
+
+    #[test]
+    fn receivers_are_clipped_exactly(scene in scene(), near in 0.0..200.0_f64, length in 1.0..400.0_f64) {
+        let view = scene.view();
+        let slice = view.slice(near, near + length).expect("not empty");
+        let found = scene.receivers(&view).in_slices([Some(&slice)])[0];
+        let [lo, hi] = exact_extent(&scene, &view, &slice);
+        // Boxes that only touch the slice may count or not.
+        let exact = Extent { lo, hi };
+        if found.is_empty() || exact.is_empty() {
+            let size = |it: &Extent| (it.hi - it.lo).max_element();
+            prop_assert!(size(&found).max(size(&exact)) < 1e-3, "{found:?} {exact:?}");
+        } else {
+            let off = (found.lo - lo).abs().max((found.hi - hi).abs()).max_element();
+            prop_assert!(off < 1e-6 * slice.radius, "{found:?} {exact:?}");
+        }
+    }
+
+    /// Every triangle is wholly in a part, and parts are no larger than they must be.
+    #[test]
+    fn parts_hold_their_triangles(
+        size in prop::array::uniform3(0.0..100.0_f32),
+        places in prop::collection::vec(prop::array::uniform9(0.0..1.0_f32), 0..400),
+        has_nan in prop::bool::ANY,
+    ) {
+        let mut triangles: Vec<[Vec3; 3]> = places
+            .iter()
+            .map(|at| {
+                let corner = |i: usize| Vec3::new(at[i], at[i + 1], at[i + 2]);
+                let first = corner(0);
+                [first, first + 0.1 * corner(3), first + 0.1 * corner(6)]
+                    .map(|corner| corner * Vec3::from(size))
+            })
+            .collect();
+        let sound = triangles.clone();
+        if has_nan {
+            triangles.push([Vec3::NAN; 3]);
+        }
+        let found = parts(|| triangles.iter().copied());
+        prop_assert!(found.len() <= sound.len().min(4096));
+        for triangle in &sound {
+            let holds = |[lo, hi]: &[Vec3; 2]| {
+                triangle.iter().all(|at| lo.cmple(*at).all() && hi.cmpge(*at).all())
+            };
+            prop_assert!(found.iter().any(holds), "{triangle:?}");
+        }
+        let corner = |at: &Vec3| sound.iter().flatten().any(|corner| corner.cmpeq(*at).any());
+        for part in &found {
+            prop_assert!(part.iter().all(corner), "{part:?}");
+        }
+    }
+}
+
+/// A terrain of one piece is known by its parts.
+#[test]
+fn parts_of_a_terrain_are_small() {
+    let height = |x: f32, z: f32| 200.0 * (0.01 * x).sin() * (0.01 * z).cos();
+    let at = |i: usize, j: usize| {
+        let (x, z) = (10.0 * i as f32, 10.0 * j as f32);
+        Vec3::new(x, height(x, z), z)
+    };
+    let cells = || (0..100).flat_map(|i| (0..100).map(move |j| (i, j)));
+    let triangles = || {
+        cells().flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
+            [[a, b, c], [c, b, d]]
+        })
+    };
+    let found = parts(triangles);
+    assert!((400..900).contains(&found.len()), "{}", found.len());
+    for [lo, hi] in found {
+        assert!((hi - lo).max_element() <= 220.0 && hi.x - lo.x <= 60.0);
+    }
+    assert!(parts(core::iter::empty).is_empty());
 }
 
 /// The strength at a moment of a motion of sun and camera, in units of what makes it matter: the

@@ -6,6 +6,7 @@ use bevy::{
         visibility::{NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers, VisibilityRange},
     },
     light::{NotShadowCaster, NotShadowReceiver, VolumetricFog, VolumetricLight},
+    mesh::VertexAttributeValues,
     prelude::*,
 };
 use bevy_pssm::{ShadowPlans, plan::CascadePlan, prelude::*};
@@ -156,4 +157,63 @@ fn focus_can_be_switched_off() {
     entity.get_mut::<ParallelSplitShadows>().unwrap().focus = ShadowFocus::Off;
     let (half, count) = setting.maps();
     assert!(half > 100.0 && count == 4);
+}
+
+/// Ground of one piece, flat but for a peak behind the camera, which stands over it and looks down.
+fn terrain() -> Mesh {
+    let mut mesh = Plane3d::default()
+        .mesh()
+        .size(400.0, 400.0)
+        .subdivisions(40)
+        .build();
+    if let Some(VertexAttributeValues::Float32x3(places)) =
+        mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION)
+    {
+        places[0][1] = 300.0;
+    }
+    mesh
+}
+
+#[test]
+fn large_meshes_are_known_by_their_parts() {
+    let mut setting = Setting::new(NotShadowReceiver);
+    let (view, world) = (setting.view, setting.app.world_mut());
+    let down = Transform::from_xyz(0.0, 60.0, 0.0).looking_to(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
+    world.entity_mut(view).insert(down);
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(terrain());
+    let ground = world
+        .spawn((Mesh3d(mesh.clone()), Transform::default()))
+        .id();
+    let starts = |setting: &mut Setting| {
+        let plans = setting.plans();
+        let first = plans[0].clone();
+        (first.map.is_some(), first.far)
+    };
+    let by_parts = starts(&mut setting);
+    assert!(by_parts.0 && by_parts.1 > 60.0, "{by_parts:?}");
+
+    // It changes.
+    let change = |setting: &mut Setting, height: f32| {
+        let mut meshes = setting.app.world_mut().resource_mut::<Assets<Mesh>>();
+        let mut mesh = meshes.get_mut(&mesh).unwrap();
+        let places = mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION);
+        if let Some(VertexAttributeValues::Float32x3(places)) = places {
+            // In the middle, below the camera, and a little before it.
+            places[21 * 42 + 20][1] = height;
+            places[18 * 42 + 20][1] = height;
+        }
+    };
+    change(&mut setting, 50.0);
+    assert!(starts(&mut setting).1 < by_parts.1);
+    change(&mut setting, 0.0);
+    assert_eq!(starts(&mut setting), by_parts);
+
+    // A box of its own says that something else moves it.
+    let world = setting.app.world_mut();
+    let larger = Aabb::from_min_max(
+        Vec3::new(-200.0, -1.0, -200.0),
+        Vec3::new(200.0, 301.0, 200.0),
+    );
+    world.entity_mut(ground).insert((larger, NoAutoAabb));
+    assert!(starts(&mut setting).1 < by_parts.1);
 }
