@@ -442,7 +442,8 @@ fn biases_of_the_literature() {
     assert!((0.1..10.0).contains(&linear[1]), "{stain:?}");
     assert!(hyperbolic[1] < 0.1 * linear[1], "{stain:?}");
     assert_eq!([hyperbolic[2], linear[2]], [0.0; 2]);
-    assert_eq!(back, [0.0; 3]);
+    // A pixel, perhaps.
+    assert!(back.iter().all(|stain| *stain < 0.01), "{stain:?}");
     assert!(
         found.iter().flatten().all(|found| found.leak_pct < 1.5),
         "{found:?}"
