@@ -42,9 +42,6 @@ impl Extent {
 
     /// The half-spaces that bound it.
     pub fn planes(&self, depth: &Depth) -> [HalfSpace; 8] {
-        let length = depth.per_metre.length();
-        let forward = depth.per_metre / length;
-        let eye = forward.dot(depth.eye);
         let plane = |normal: DVec3, distance: f64| HalfSpace { normal, distance };
         [
             plane(DVec3::X, self.hi.x),
@@ -53,8 +50,8 @@ impl Extent {
             plane(DVec3::NEG_X, -self.lo.x),
             plane(DVec3::NEG_Y, -self.lo.y),
             plane(DVec3::NEG_Z, -self.lo.z),
-            plane(-forward, -eye - self.lo.w / length),
-            plane(forward, eye + self.hi.w / length),
+            depth.beyond(self.lo.w),
+            depth.before(self.hi.w),
         ]
     }
 
@@ -98,6 +95,25 @@ impl Depth {
         Self {
             eye: view.eye,
             per_metre: view.per_depth(),
+        }
+    }
+
+    /// Everything at most so deep (metres).
+    pub fn before(&self, depth: f64) -> HalfSpace {
+        let length = self.per_metre.length();
+        let normal = self.per_metre / length;
+        HalfSpace {
+            normal,
+            distance: normal.dot(self.eye) + depth / length,
+        }
+    }
+
+    /// Everything at least so deep (metres).
+    pub fn beyond(&self, depth: f64) -> HalfSpace {
+        let HalfSpace { normal, distance } = self.before(depth);
+        HalfSpace {
+            normal: -normal,
+            distance: -distance,
         }
     }
 

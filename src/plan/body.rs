@@ -34,12 +34,7 @@ impl Body {
             axis: None,
         };
         if near < config.near {
-            let per_depth = view.per_depth();
-            let normal = -per_depth.normalize();
-            let beyond = HalfSpace {
-                normal,
-                distance: normal.dot(view.eye) - config.near / per_depth.length(),
-            };
+            let beyond = Depth::new(view).beyond(config.near);
             body.beyond_near = Some(body.whole.clone().within([beyond]));
         }
         Some(body)
