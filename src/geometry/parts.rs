@@ -7,10 +7,10 @@ use glam::{UVec2, Vec2, Vec3};
 pub type Corners = [Vec3; 2];
 
 /// Triangles in a part, about.
-const TRIANGLES: f32 = 32.0;
+const TRIANGLES: f32 = 128.0;
 
 /// A surface has at most so many parts along a side.
-const MOST_PER_SIDE: u32 = 64;
+const MOST_PER_SIDE: u32 = 32;
 
 /// The boxes of a surface's parts, which together hold all its triangles: columns along its bounds'
 /// shortest side, over squares of the other two. Each triangle is wholly in the part that its middle

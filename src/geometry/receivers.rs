@@ -164,7 +164,8 @@ impl Receivers {
     }
 
     /// Adds what lies in an oriented box, given by its half-extents as three vectors in world
-    /// space. Not if the box is not finite: then nothing is seen of it.
+    /// space. Not if the box is not finite or wholly behind
+    /// the eye: then nothing is seen of it.
     pub fn add(&mut self, centre: DVec3, half_axes: &DMat3) {
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
         let reach = (half_axes.transpose() * self.depth.per_metre)
@@ -176,7 +177,7 @@ impl Receivers {
             lo: middle - half,
             hi: middle + half,
         };
-        if bounds.is_finite() {
+        if bounds.is_finite() && bounds.hi.w >= 0.0 {
             self.boxes.push(bounds);
         }
     }
@@ -197,28 +198,28 @@ impl Receivers {
         &self,
         slices: impl IntoIterator<Item = Option<&'a Slice>>,
     ) -> Vec<Extent> {
-        let mut parts: Vec<_> = slices
+        let mut contents: Vec<_> = slices
             .into_iter()
-            .map(|slice| slice.map(|slice| Part::new(slice, &self.depth)))
+            .map(|slice| slice.map(|slice| SliceContent::new(slice, &self.depth)))
             .collect();
         if !self.everywhere {
             for it in &self.boxes {
-                for part in parts.iter_mut().flatten() {
-                    part.add(it);
+                for content in contents.iter_mut().flatten() {
+                    content.add(it);
                 }
             }
         }
-        let found = |part: Option<Part>| match part {
+        let found = |content: Option<SliceContent>| match content {
             _ if self.everywhere => Extent::EVERYTHING,
-            Some(part) => part.finish(&self.depth),
+            Some(content) => content.finish(&self.depth),
             None => Extent::NOTHING,
         };
-        parts.into_iter().map(found).collect()
+        contents.into_iter().map(found).collect()
     }
 }
 
 /// A slice, and what has been found in it.
-struct Part {
+struct SliceContent {
     bounds: Extent,
     body: ConvexBody,
     planes: Vec<HalfSpace>,
@@ -228,7 +229,7 @@ struct Part {
     crossing: Vec<Extent>,
 }
 
-impl Part {
+impl SliceContent {
     fn new(slice: &Slice, depth: &Depth) -> Self {
         let body = ConvexBody::of_slice(slice);
         Self {

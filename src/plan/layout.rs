@@ -95,8 +95,18 @@ impl<'a> Layout<'a> {
             })
             .collect();
         if is_focused(inputs) {
-            let slices = bodies.iter().map(|body| Some(&body.as_ref()?.slice));
-            let found = inputs.receivers.in_slices(slices);
+            let slices: Vec<_> = (0..used)
+                .map(|index| {
+                    let (near, far) = self.interval(index);
+                    let [near, far] = [near * (1.0 - ROUNDING), far * (1.0 + ROUNDING)];
+                    bodies[index]
+                        .as_ref()
+                        .and_then(|_| inputs.view.slice(near, far))
+                })
+                .collect();
+            let found = inputs
+                .receivers
+                .in_slices(slices.iter().map(Option::as_ref));
             for ((body, found), held) in bodies.iter_mut().zip(found).zip(held) {
                 *body = body
                     .take()
@@ -110,6 +120,10 @@ impl<'a> Layout<'a> {
         bodies.into_iter().enumerate().map(in_wedge).collect()
     }
 }
+
+/// What lies this close to a slice, as a share of its depth, may be taken for in it: the GPU reckons
+/// in `f32`.
+const ROUNDING: f64 = 1e-5;
 
 /// Depth at which shadows begin to fade, whatever splits are spread over: a share of the last
 /// slice that the configuration would have.
@@ -142,6 +156,9 @@ pub(super) fn is_focused(inputs: &PlanInputs) -> bool {
 /// Slack of the range of depths where maps may be stable.
 const STABLE_SLACK: f64 = 0.25;
 
+/// A range of depths is no thinner than this, as a share: planes should not fall together.
+const THINNEST: f64 = 1e-3;
+
 /// The depths between which splits are spread: those at which anything receives shadows.
 pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Held<f64>; 2]) -> [f64; 2] {
     let PlanInputs { view, config, .. } = inputs;
@@ -156,7 +173,8 @@ pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Held<f64>; 2]) -> [f6
         return whole;
     };
     let found = inputs.receivers.in_slices([Some(&slice)])[0];
-    let (near, far) = (found.lo.w.max(config.near), found.hi.w.min(config.far));
+    let near = (found.lo.w * (1.0 - THINNEST)).max(config.near);
+    let far = (found.hi.w * (1.0 + THINNEST)).min(config.far);
     if near >= far {
         return whole;
     }

@@ -61,8 +61,8 @@ type Mesh<'a> = (
     &'a Mesh3d,
 );
 
-/// Boxes nearer than so many of their radii are close.
-const CLOSE: f64 = 2.0;
+/// Boxes nearer than so many of their radii are close: the eye is inside, or almost.
+const CLOSE: f64 = 1.0;
 
 type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
@@ -185,7 +185,7 @@ fn receivers(
                 let world_from_local = transform.affine();
                 let (centre, half_axes) = world_bounds(aabb, &world_from_local);
                 let parts = match assets {
-                    Some(assets) if is_close(view, centre, &half_axes) => {
+                    Some(assets) if !no_bounds && is_close(view, centre, &half_axes) => {
                         parts.of(mesh.0.id(), aabb, assets)
                     }
                     _ => &[],
