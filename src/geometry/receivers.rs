@@ -4,7 +4,7 @@ use glam::{BVec4, DMat3, DVec3, DVec4};
 
 use super::{
     body::{ConvexBody, HalfSpace},
-    slice::{Slice, ViewVolume},
+    slice::{Depth, Slice, ViewVolume},
 };
 
 /// Bounds of something along the world's axes and in depth: x, y, z and the depth before the eye
@@ -81,47 +81,6 @@ impl Extent {
     }
 }
 
-/// How deep points lie before an eye.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Depth {
-    eye: DVec3,
-    /// A point's depth is its product with this, from the eye.
-    per_metre: DVec3,
-}
-
-impl Depth {
-    /// Before a camera's.
-    pub fn new(view: &ViewVolume) -> Self {
-        Self {
-            eye: view.eye,
-            per_metre: view.per_depth(),
-        }
-    }
-
-    /// Everything at most so deep (metres).
-    pub fn before(&self, depth: f64) -> HalfSpace {
-        let length = self.per_metre.length();
-        let normal = self.per_metre / length;
-        HalfSpace {
-            normal,
-            distance: normal.dot(self.eye) + depth / length,
-        }
-    }
-
-    /// Everything at least so deep (metres).
-    pub fn beyond(&self, depth: f64) -> HalfSpace {
-        let HalfSpace { normal, distance } = self.before(depth);
-        HalfSpace {
-            normal: -normal,
-            distance: -distance,
-        }
-    }
-
-    fn of(&self, point: DVec3) -> f64 {
-        self.per_metre.dot(point - self.eye)
-    }
-}
-
 /// The boxes of everything that a camera sees and that receives shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Receivers {
@@ -164,8 +123,7 @@ impl Receivers {
     }
 
     /// Adds what lies in an oriented box, given by its half-extents as three vectors in world
-    /// space. Not if the box is not finite or wholly behind
-    /// the eye: then nothing is seen of it.
+    /// space. Not if the box is not finite or wholly behind the eye: then nothing is seen of it.
     pub fn add(&mut self, centre: DVec3, half_axes: &DMat3) {
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
         let reach = (half_axes.transpose() * self.depth.per_metre)

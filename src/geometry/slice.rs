@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat4, Vec4};
 
+use super::body::HalfSpace;
+
 /// What a camera sees, as needed to cut slices: a frame and a cross-section that is affine in
 /// depth. That covers perspective, orthographic, off-centre and custom projections alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +68,7 @@ impl ViewVolume {
 
     /// Depth of a point in world space (metres before the eye).
     pub fn depth_of(&self, point: DVec3) -> f64 {
-        self.per_depth().dot(point - self.eye)
+        Depth::new(self).of(point)
     }
 
     /// Height of the image at a depth (metres).
@@ -86,6 +88,48 @@ impl ViewVolume {
             DVec3::new(hi.x, hi.y, -depth),
             DVec3::new(lo.x, hi.y, -depth),
         ]
+    }
+}
+
+/// How deep points lie before an eye.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Depth {
+    eye: DVec3,
+    /// A point's depth is its product with this, from the eye.
+    pub(super) per_metre: DVec3,
+}
+
+impl Depth {
+    /// Before a camera's.
+    pub fn new(view: &ViewVolume) -> Self {
+        Self {
+            eye: view.eye,
+            per_metre: view.per_depth(),
+        }
+    }
+
+    /// Everything at most so deep (metres).
+    pub fn before(&self, depth: f64) -> HalfSpace {
+        let length = self.per_metre.length();
+        let normal = self.per_metre / length;
+        HalfSpace {
+            normal,
+            distance: normal.dot(self.eye) + depth / length,
+        }
+    }
+
+    /// Everything at least so deep (metres).
+    pub fn beyond(&self, depth: f64) -> HalfSpace {
+        let HalfSpace { normal, distance } = self.before(depth);
+        HalfSpace {
+            normal: -normal,
+            distance: -distance,
+        }
+    }
+
+    /// Depth of a point in world space (metres before the eye).
+    pub fn of(&self, point: DVec3) -> f64 {
+        self.per_metre.dot(point - self.eye)
     }
 }
 

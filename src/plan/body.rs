@@ -6,8 +6,8 @@ use super::{CascadeHistory, PlanInputs};
 use crate::geometry::{
     body::{ConvexBody, HalfSpace},
     face::Wedge,
-    receivers::{Depth, Extent},
-    slice::Slice,
+    receivers::Extent,
+    slice::{Depth, Slice},
     steady::Slack,
 };
 

@@ -95,19 +95,20 @@ impl<'a> Layout<'a> {
             })
             .collect();
         if is_focused(inputs) {
-            let slices: Vec<_> = (0..used)
-                .map(|index| {
+            // All cascades of a slice have the same depths.
+            let slices: Vec<_> = (0..self.slices)
+                .map(|slice| {
+                    let index = slice * self.wedges.len().max(1);
+                    bodies[index].as_ref()?;
                     let (near, far) = self.interval(index);
-                    let [near, far] = [near * (1.0 - ROUNDING), far * (1.0 + ROUNDING)];
-                    bodies[index]
-                        .as_ref()
-                        .and_then(|_| inputs.view.slice(near, far))
+                    let view = inputs.view;
+                    view.slice(near * (1.0 - ROUNDING), far * (1.0 + ROUNDING))
                 })
                 .collect();
-            let found = inputs
-                .receivers
-                .in_slices(slices.iter().map(Option::as_ref));
-            for ((body, found), held) in bodies.iter_mut().zip(found).zip(held) {
+            let slices = slices.iter().map(Option::as_ref);
+            let found = inputs.receivers.in_slices(slices);
+            for (index, (body, held)) in bodies.iter_mut().zip(held).enumerate() {
+                let found = found[self.slice(index)];
                 *body = body
                     .take()
                     .and_then(|body| body.focused(inputs, found, held));

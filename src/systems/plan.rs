@@ -61,9 +61,6 @@ type Mesh<'a> = (
     &'a Mesh3d,
 );
 
-/// Boxes nearer than so many of their radii are close: the eye is inside, or almost.
-const CLOSE: f64 = 1.0;
-
 type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -204,11 +201,11 @@ fn receivers(
     receivers
 }
 
-/// Whether a box is so large, from where the eye is, that its parts should be told apart.
+/// Whether the eye is in a box, or almost, so that its parts should be told apart.
 fn is_close(view: &ViewVolume, centre: DVec3, half_axes: &DMat3) -> bool {
     let half_axes = [half_axes.x_axis, half_axes.y_axis, half_axes.z_axis];
     let radius_2: f64 = half_axes.iter().map(|axis| axis.length_squared()).sum();
-    centre.distance_squared(view.eye) < CLOSE * CLOSE * radius_2
+    centre.distance_squared(view.eye) < radius_2
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.
