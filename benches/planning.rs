@@ -88,8 +88,8 @@ fn planning(criterion: &mut Criterion) {
                 plan.iter()
                     .filter_map(|cascade| cascade.map.as_ref())
                     .map(|map| {
-                        let meets = |(centre, axes): &&(DVec3, DMat3)| {
-                            map.hull.intersects_box(*centre, axes)
+                        let meets = |(center, axes): &&(DVec3, DMat3)| {
+                            map.hull.intersects_box(*center, axes)
                         };
                         black_box(&boxes).iter().filter(meets).count()
                     })

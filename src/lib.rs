@@ -1,4 +1,4 @@
-//! Parallel-split shadow maps for Bevy: sharp, steady directional shadows over kilometres.
+//! Parallel-split shadow maps for Bevy: sharp, steady directional shadows over kilometers.
 //!
 //! Add [`PssmPlugin`] to the app and [`ParallelSplitShadows`] to the sun; every
 //! `StandardMaterial`, forward or deferred, then receives the plugin's shadows:

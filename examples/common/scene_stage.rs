@@ -108,7 +108,7 @@ impl SceneStage {
         *self.headless.app.world().resource::<SceneStats>()
     }
 
-    /// Height of the ground (metres).
+    /// Height of the ground (meters).
     pub fn ground(&self, x: f32, z: f32) -> f32 {
         self.ground.height(x, z)
     }

@@ -37,22 +37,22 @@ use super::{
 #[derive(Parser, Debug)]
 #[command(name = "predict", verbatim_doc_comment)]
 pub struct Arguments {
-    /// Where the split scheme starts (metres from the eye).
+    /// Where the split scheme starts (meters from the eye).
     #[arg(
         long,
         default_value_t = 1.0,
-        value_parser = metres,
+        value_parser = meters,
         allow_negative_numbers = true,
-        value_name = "METRES",
+        value_name = "METERS",
     )]
     pub near: f64,
-    /// Where shadows end (metres from the eye).
+    /// Where shadows end (meters from the eye).
     #[arg(
         long,
         default_value_t = 500.0,
-        value_parser = metres,
+        value_parser = meters,
         allow_negative_numbers = true,
-        value_name = "METRES",
+        value_name = "METERS",
     )]
     pub far: f64,
     /// Vertical field of view (degrees).
@@ -214,7 +214,7 @@ impl Arguments {
     }
 }
 
-fn metres(text: &str) -> Result<f64, String> {
+fn meters(text: &str) -> Result<f64, String> {
     number_in(text, 1e-3..=1e7)
 }
 

@@ -19,7 +19,7 @@ pub struct Setup {
     pub view: ViewVolume,
     /// Unit vector.
     pub to_light: DVec3,
-    /// Split planes, the first and last included (metres from the eye).
+    /// Split planes, the first and last included (meters from the eye).
     pub planes: Vec<f64>,
     /// What they come from.
     pub splits: SplitScheme,
@@ -60,7 +60,7 @@ pub enum Warp {
 pub struct Cascade {
     /// From 1.
     pub cascade: usize,
-    /// Where it begins and ends (metres from the eye).
+    /// Where it begins and ends (meters from the eye).
     pub near: f64,
     pub far: f64,
     /// The worst over the cascade, along the map's axes.

@@ -15,7 +15,7 @@ use super::{
 /// Of the hemisphere's picture (cells).
 const SIDE: i32 = 61;
 const SIZE: (u32, u32) = (900, 940);
-/// Of the scale of colours (powers of ten).
+/// Of the scale of colors (powers of ten).
 const MOST: f64 = 6.5;
 
 /// A direction and what it needs.

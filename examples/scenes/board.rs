@@ -11,7 +11,7 @@ use super::{
 const FRAME: f32 = 30.0 / 700.0;
 const WOOD: [f32; 3] = [0.34, 0.19, 0.11];
 
-/// The frame's section: outwards from the fields, and height (metres).
+/// The frame's section: outwards from the fields, and height (meters).
 const MOULDING: [(f32, f32); 11] = [
     (0.0, 0.0),
     (0.0, 1.4),

@@ -40,9 +40,9 @@ pub struct SceneDescription {
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
-    /// Distance of the near plane (metres).
+    /// Distance of the near plane (meters).
     pub near: f32,
-    /// Distance of the far plane (metres).
+    /// Distance of the far plane (meters).
     pub far: f32,
     /// Vertical field of view (degrees).
     pub fov_degrees: f32,
@@ -52,7 +52,7 @@ pub struct CameraPath {
     pub poses: Vec<Pose>,
 }
 
-/// A station of a camera path. Heights are above the ground there (metres).
+/// A station of a camera path. Heights are above the ground there (meters).
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
 pub struct Pose {
@@ -74,17 +74,17 @@ pub struct SunDescription {
     pub elevation: f32,
     /// Its light (lux).
     pub illuminance: f32,
-    /// Its colour (sRGB).
+    /// Its color (sRGB).
     pub color: [f32; 3],
     /// How fast its azimuth grows when it moves.
     pub degrees_per_second: f32,
 }
 
-/// A sky. Its horizon has the haze's colour.
+/// A sky. Its horizon has the haze's color.
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
 pub struct SkyDescription {
-    /// Colour overhead (sRGB).
+    /// Color overhead (sRGB).
     pub zenith: [f32; 3],
     /// How much of it is clouded, 0 to 1.
     pub clouds: f32,
@@ -94,9 +94,9 @@ pub struct SkyDescription {
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
 pub struct HazeDescription {
-    /// Its colour (sRGB).
+    /// Its color (sRGB).
     pub color: [f32; 3],
-    /// Distance at which it has swallowed 95 % of the contrast (metres).
+    /// Distance at which it has swallowed 95 % of the contrast (meters).
     pub visibility: f32,
     /// How much sunlight it scatters towards a camera that looks at the sun.
     pub glow: f32,
@@ -108,7 +108,7 @@ pub struct HazeDescription {
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
 pub struct AmbientDescription {
-    /// Its colour (sRGB).
+    /// Its color (sRGB).
     pub color: [f32; 3],
     /// Its brightness (cd/m²).
     pub brightness: f32,
@@ -120,14 +120,14 @@ pub struct AmbientDescription {
 pub struct GroundDescription {
     /// Its relief.
     pub kind: GroundKind,
-    /// Length of its sides (metres).
+    /// Length of its sides (meters).
     pub size: f32,
     /// Cells per side, two triangles each.
     pub cells: u32,
     /// Height of its relief, as a factor.
     #[serde(default = "full_relief")]
     pub relief: f32,
-    /// Main and second colour (sRGB).
+    /// Main and second color (sRGB).
     pub colors: [[f32; 3]; 2],
     /// Where a measured ground's heights are.
     #[serde(default)]
@@ -143,11 +143,11 @@ pub struct HeightsDescription {
     pub file: String,
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Between columns and between rows (metres).
+    /// Between columns and between rows (meters).
     pub spacing: [f32; 2],
-    /// Height is so many metres per step,
+    /// Height is so many meters per step,
     pub scale: f32,
-    /// from this one on (metres).
+    /// from this one on (meters).
     pub offset: f32,
     /// Column and row that lie at the scene's origin.
     pub origin: [f32; 2],
@@ -180,11 +180,11 @@ pub struct Group {
     pub model: ModelKind,
     /// Segments of their round parts, as a factor.
     pub detail: f32,
-    /// Height, least and greatest (metres).
+    /// Height, least and greatest (meters).
     pub height: [f32; 2],
     /// Where they stand.
     pub layout: Layout,
-    /// Main and second colour (sRGB).
+    /// Main and second color (sRGB).
     pub colors: [[f32; 3]; 2],
     /// How many shapes of the model there are, shared by the group's objects.
     #[serde(default = "one_variant")]
@@ -246,13 +246,13 @@ pub enum ModelKind {
 /// Where a group's objects stand.
 #[derive(Deserialize, Debug, Clone)]
 pub enum Layout {
-    /// Rows and columns around a centre.
+    /// Rows and columns around a center.
     Ranks {
         /// Middle of the ranks (x, z).
-        centre: [f32; 2],
+        center: [f32; 2],
         /// Objects side by side, and ranks behind each other.
         count: [u32; 2],
-        /// Distance between neighbours along both (metres).
+        /// Distance between neighbors along both (meters).
         spacing: [f32; 2],
         /// Where they look, clockwise from −z (degrees).
         facing: f32,
@@ -262,12 +262,12 @@ pub enum Layout {
         /// How many.
         count: u32,
         /// Middle of the ring (x, z).
-        centre: [f32; 2],
-        /// Inner and outer radius (metres).
+        center: [f32; 2],
+        /// Inner and outer radius (meters).
         radius: [f32; 2],
-        /// Least distance between two (metres).
+        /// Least distance between two (meters).
         apart: f32,
-        /// Greatest slope of the ground under one (metres per metre).
+        /// Greatest slope of the ground under one (meters per meter).
         #[serde(default = "any_slope")]
         slope: f32,
     },
@@ -292,18 +292,18 @@ pub enum Motion {
     },
     /// There and back again along a straight line, with a turn at either end.
     March {
-        /// Length of the line (metres).
+        /// Length of the line (meters).
         length: f32,
-        /// Radius of the turns (metres).
+        /// Radius of the turns (meters).
         radius: f32,
-        /// Speed (metres per second).
+        /// Speed (meters per second).
         speed: f32,
     },
     /// Round a circle.
     Walk {
-        /// Radius of the circle (metres).
+        /// Radius of the circle (meters).
         radius: f32,
-        /// Speed (metres per second).
+        /// Speed (meters per second).
         speed: f32,
     },
 }

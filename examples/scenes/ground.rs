@@ -46,7 +46,7 @@ impl Ground {
         }
     }
 
-    /// Height at (x, z), in metres.
+    /// Height at (x, z), in meters.
     pub fn height(&self, x: f32, z: f32) -> f32 {
         let size = self.description.size;
         // 0 in the middle, 1 at the edge: hills there hide that the ground ends.

@@ -32,7 +32,7 @@ impl Heights {
         })
     }
 
-    /// Height at (x, z), bilinear (metres); at the edge's height beyond it.
+    /// Height at (x, z), bilinear (meters); at the edge's height beyond it.
     pub fn at(&self, x: f32, z: f32) -> f32 {
         let HeightsDescription {
             size: [columns, rows],

@@ -28,7 +28,7 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
             })
             .collect(),
         Layout::Ranks {
-            centre,
+            center,
             count,
             spacing,
             facing,
@@ -43,7 +43,7 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
                     );
                     let jitter = Vec2::new(random.between(-0.1, 0.1), random.between(-0.1, 0.1));
                     Place {
-                        at: Vec2::from_array(*centre)
+                        at: Vec2::from_array(*center)
                             + turn.rotate(straight + jitter * Vec2::from_array(*spacing)),
                         facing: facing + random.between(-9.0, 9.0),
                     }
@@ -52,7 +52,7 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
         }
         Layout::Scatter {
             count,
-            centre,
+            center,
             radius,
             apart,
             slope,
@@ -64,7 +64,7 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
                 let [near, far] = *radius;
                 let out = near.hypot((random.next() * (far * far - near * near)).sqrt());
                 let at =
-                    Vec2::from_array(*centre) + out * Vec2::from_angle(random.between(0.0, TAU));
+                    Vec2::from_array(*center) + out * Vec2::from_angle(random.between(0.0, TAU));
                 let height = |dx: f32, dz: f32| ground.height(at.x + dx, at.y + dz);
                 let steep = Vec2::new(
                     height(3.0, 0.0) - height(-3.0, 0.0),

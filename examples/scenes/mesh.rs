@@ -1,4 +1,4 @@
-//! Meshes in the making: positions, normals and colours, joined from simple shapes.
+//! Meshes in the making: positions, normals and colors, joined from simple shapes.
 
 use bevy::{
     asset::RenderAssetUsages,
@@ -21,7 +21,7 @@ pub fn linear(color: [f32; 3]) -> [f32; 4] {
     Color::srgb_from_array(color).to_linear().to_f32_array()
 }
 
-/// A colour, lighter (above 1) or darker.
+/// A color, lighter (above 1) or darker.
 pub fn shade(color: [f32; 3], factor: f32) -> [f32; 3] {
     color.map(|channel| (channel * factor).clamp(0.0, 1.0))
 }
@@ -37,7 +37,7 @@ impl Body {
         self.positions.len() as u32
     }
 
-    /// Adds a vertex in a linear colour and tells its index.
+    /// Adds a vertex in a linear color and tells its index.
     pub fn push_vertex(&mut self, position: Vec3, normal: Vec3, color: [f32; 4]) -> u32 {
         self.positions.push(position);
         self.normals.push(normal);
@@ -119,7 +119,7 @@ impl Body {
         self
     }
 
-    /// The same in colours by place (sRGB).
+    /// The same in colors by place (sRGB).
     pub fn tinted(mut self, tint: impl Fn(Vec3) -> [f32; 3]) -> Self {
         self.colors = self.positions.iter().map(|p| linear(tint(*p))).collect();
         self
@@ -136,7 +136,7 @@ impl Body {
         self
     }
 
-    /// A ground's mesh: as [`Body::build`], with a texture laid on from above, `tile` metres wide.
+    /// A ground's mesh: as [`Body::build`], with a texture laid on from above, `tile` meters wide.
     pub fn build_ground(self, tile: f32) -> Mesh {
         let uvs: Vec<[f32; 2]> = self
             .positions

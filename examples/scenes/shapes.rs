@@ -51,13 +51,13 @@ pub fn lathe(profile: &[(f32, f32)], segments: u32, color: [f32; 3]) -> Body {
         }
         let normal = if up { Vec3::Y } else { Vec3::NEG_Y };
         let rim = ring(&mut body, (r, y), Vec2::new(0.0, normal.y));
-        let centre = body.push_vertex(Vec3::Y * y, normal, color);
+        let center = body.push_vertex(Vec3::Y * y, normal, color);
         for s in 0..segments {
             let (a, b) = (rim + s, rim + s + 1);
             if up {
-                body.push_triangle(centre, b, a);
+                body.push_triangle(center, b, a);
             } else {
-                body.push_triangle(centre, a, b);
+                body.push_triangle(center, a, b);
             }
         }
     }
@@ -91,12 +91,12 @@ pub fn block(size: Vec3, bevel: f32, color: [f32; 3]) -> Body {
         p
     };
     let mut face = |points: &[Vec3]| {
-        let mut centre: Vec3 = points.iter().sum();
-        centre /= points.len() as f32;
+        let mut center: Vec3 = points.iter().sum();
+        center /= points.len() as f32;
         let mut normal = (points[1] - points[0])
             .cross(points[2] - points[0])
             .normalize_or_zero();
-        let flipped = normal.dot(centre) < 0.0;
+        let flipped = normal.dot(center) < 0.0;
         if flipped {
             normal = -normal;
         }
@@ -180,7 +180,7 @@ pub fn tube(points: &[(Vec3, Vec2)], side: Vec3, segments: u32, color: [f32; 3])
     let mut body = Body::default();
     let last = points.len().saturating_sub(1);
     let mut rings: Vec<u32> = Vec::new();
-    for (i, (centre, half)) in points.iter().enumerate() {
+    for (i, (center, half)) in points.iter().enumerate() {
         let along = points[(i + 1).min(last)].0 - points[i.saturating_sub(1)].0;
         let along = along.normalize_or(Vec3::Y);
         let across = side.cross(along).normalize_or(Vec3::X);
@@ -189,7 +189,7 @@ pub fn tube(points: &[(Vec3, Vec2)], side: Vec3, segments: u32, color: [f32; 3])
         for s in 0..=segments {
             let (sin, cos) = (core::f32::consts::TAU * s as f32 / segments as f32).sin_cos();
             let normal = across * cos / half.x.max(1e-5) + side * sin / half.y.max(1e-5);
-            let place = *centre + across * cos * half.x + side * sin * half.y;
+            let place = *center + across * cos * half.x + side * sin * half.y;
             body.push_vertex(place, normal.normalize_or_zero(), color);
         }
     }
@@ -209,7 +209,7 @@ pub fn tube(points: &[(Vec3, Vec2)], side: Vec3, segments: u32, color: [f32; 3])
             points[end].0 - points[end - 1].0
         };
         let out = out.normalize_or_zero();
-        let centre = body.push_vertex(points[end].0, out, color);
+        let center = body.push_vertex(points[end].0, out, color);
         let first = body.positions.len() as u32;
         for s in 0..=segments {
             let place = body.positions[(ring + s) as usize];
@@ -218,9 +218,9 @@ pub fn tube(points: &[(Vec3, Vec2)], side: Vec3, segments: u32, color: [f32; 3])
         for s in 0..segments {
             let (a, b) = (first + s, first + s + 1);
             if end == 0 {
-                body.push_triangle(centre, b, a);
+                body.push_triangle(center, b, a);
             } else {
-                body.push_triangle(centre, a, b);
+                body.push_triangle(center, a, b);
             }
         }
     }

@@ -26,7 +26,7 @@ pub struct SceneStats {
     pub objects: usize,
 }
 
-/// Width of the ground's grain before it repeats (metres).
+/// Width of the ground's grain before it repeats (meters).
 const GRAIN_TILE: f32 = 26.0;
 
 /// Spawns ground, objects, sky and sun, and leaves [`Ground`], [`SceneStats`] and the ambient

@@ -1,4 +1,4 @@
-//! A fine grain for grounds, whose vertices are metres apart.
+//! A fine grain for grounds, whose vertices are meters apart.
 
 use bevy::{
     asset::RenderAssetUsages,
@@ -12,7 +12,7 @@ use super::noise::random;
 /// Side of the texture (texels).
 const SIZE: u32 = 512;
 
-/// A tiling grey grain with its smaller versions, 1 on average (as far as that can be held).
+/// A tiling gray grain with its smaller versions, 1 on average (as far as that can be held).
 pub(super) fn grain(seed: u64, contrast: f32) -> Image {
     let mut level: Vec<f32> = (0..SIZE * SIZE)
         .map(|k| {

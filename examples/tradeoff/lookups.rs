@@ -16,7 +16,7 @@ use crate::study::{
 
 /// Texels per side of all maps.
 const MAP_SIZE: u32 = 1024;
-/// Where shadows end (metres).
+/// Where shadows end (meters).
 const FAR: f64 = 150.0;
 
 /// Bevy's filters, and how far they read (texels).
@@ -26,7 +26,7 @@ const FILTERS: [(ShadowFilteringMethod, f64); 3] = [
     (ShadowFilteringMethod::Temporal, 2.0),
 ];
 
-/// What is searched for Bevy's best: texels and metres.
+/// What is searched for Bevy's best: texels and meters.
 const NORMAL_BIASES: [f32; 8] = [0.0, 0.6, 1.2, 1.8, 2.4, 3.6, 5.0, 8.0];
 const DEPTH_BIASES: [f32; 6] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5];
 
@@ -84,7 +84,7 @@ fn biases(done: &mut impl FnMut(&str)) -> String {
         Stain: lit pixels that lack a tenth of the light although no shadow is near. Leak: \
         shadowed pixels that get more than half of it. Percent of the lit and of the shadowed. \
         Bevy's best has the fewest leaks of those that do not stain, or else stains least: normal \
-        bias (texels), depth bias (metres).\n\n\
+        bias (texels), depth bias (meters).\n\n\
         | case | filter | automatic: stain | leak | Bevy, defaults: stain | leak | Bevy, best: stain | leak | its biases |\n\
         |---|---|---:|---:|---:|---:|---:|---:|---|\n"
         .to_owned();

@@ -40,17 +40,17 @@ pub enum ShadowBias {
     Automatic,
     /// The same everywhere. Either it is too little on slopes or too much elsewhere.
     Constant {
-        /// Towards the light (metres, at least 0).
-        metres: f64,
+        /// Towards the light (meters, at least 0).
+        meters: f64,
     },
-    /// Grows with the depth's slope over the map, as the rasteriser's slope-scaled bias does
+    /// Grows with the depth's slope over the map, as the rasterizer's slope-scaled bias does
     /// (Scherzer and Wimmer, 4.2).
     SlopeScaled {
         /// Times the greatest change of depth from texel to texel (at least 0). Twice the
         /// filter's reach in texels suffices on planes.
         factor: f64,
-        /// On top of that (metres, at least 0).
-        metres: f64,
+        /// On top of that (meters, at least 0).
+        meters: f64,
     },
     /// Moves the lookup along the surface's normal, as far as the sine of the angle between
     /// normal and light says. Moves shadows off their casters as well.
@@ -60,8 +60,8 @@ pub enum ShadowBias {
     },
     /// Compares each tap with the surface's plane at its own place, and moves all by the same.
     ReceiverPlane {
-        /// Towards the light (metres, at least 0).
-        metres: f64,
+        /// Towards the light (meters, at least 0).
+        meters: f64,
     },
 }
 
@@ -93,7 +93,7 @@ pub enum CasterFaces {
     Back,
 }
 
-/// How the neighbourhood of a lookup is weighed.
+/// How the neighborhood of a lookup is weighed.
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -130,9 +130,9 @@ pub enum ShadowFilter {
 pub enum FilterRadius {
     /// In texels of each map (1 to [`MAX_FILTER_TEXELS`]): as sharp as the map allows.
     Texels(f64),
-    /// In metres (above 0): edges are equally soft in all cascades, as far as 1 to
+    /// In meters (above 0): edges are equally soft in all cascades, as far as 1 to
     /// [`MAX_FILTER_TEXELS`] of their texels allow.
-    Metres(f64),
+    Meters(f64),
 }
 
 /// How one cascade gives way to the next within the blend band.
@@ -149,15 +149,15 @@ pub enum CascadeTransition {
 
 impl ShadowBias {
     pub(super) fn validate(self) -> Result<(), ConfigError> {
-        /// More than this many metres or texels is a mistake.
+        /// More than this many meters or texels is a mistake.
         const MOST: f64 = 1000.0;
         let check = |field, value| ConfigError::check_range(field, value, 0.0..=MOST);
         match self {
             Self::Automatic => Ok(()),
-            Self::Constant { metres } | Self::ReceiverPlane { metres } => check("metres", metres),
-            Self::SlopeScaled { factor, metres } => {
+            Self::Constant { meters } | Self::ReceiverPlane { meters } => check("meters", meters),
+            Self::SlopeScaled { factor, meters } => {
                 check("factor", factor)?;
-                check("metres", metres)
+                check("meters", meters)
             }
             Self::NormalOffset { texels } => check("texels", texels),
         }
@@ -172,7 +172,7 @@ impl ShadowFilter {
                 FilterRadius::Texels(texels) => {
                     ConfigError::check_range("Texels", texels, 1.0..=MAX_FILTER_TEXELS)
                 }
-                FilterRadius::Metres(metres) => ConfigError::check_positive("Metres", metres),
+                FilterRadius::Meters(meters) => ConfigError::check_positive("Meters", meters),
             },
             Self::Soft { sun_degrees } => {
                 if sun_degrees > 0.0 && sun_degrees <= MAX_SUN_DEGREES {
@@ -197,8 +197,8 @@ impl ShadowFilter {
             Self::Camera => GAUSSIAN_TEXELS.max(TEMPORAL_TEXELS).ceil() + 1.0,
             Self::Tent(FilterRadius::Texels(texels))
             | Self::Temporal(FilterRadius::Texels(texels)) => texels + 1.0,
-            Self::Tent(FilterRadius::Metres(_))
-            | Self::Temporal(FilterRadius::Metres(_))
+            Self::Tent(FilterRadius::Meters(_))
+            | Self::Temporal(FilterRadius::Meters(_))
             | Self::Soft { .. } => MAX_FILTER_TEXELS + 1.0,
         }
     }

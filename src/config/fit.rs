@@ -109,7 +109,7 @@ pub enum WarpAxis {
     #[default]
     View,
     /// The direction to the middle of what can receive shadows (Scherzer and Wimmer's middle
-    /// vector, to the centre of mass instead of the mean of the corners, which jumps).
+    /// vector, to the center of mass instead of the mean of the corners, which jumps).
     Middle,
 }
 

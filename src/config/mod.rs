@@ -68,11 +68,11 @@ pub struct ParallelSplitShadows {
     /// scenes, for a quarter to a third fewer fragments drawn.
     #[reflect(@1..=4_u32)]
     pub cascades: u32,
-    /// Where the split scheme starts (metres from the eye, above zero). Surfaces nearer than
+    /// Where the split scheme starts (meters from the eye, above zero). Surfaces nearer than
     /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
     /// wastes the first cascades on the ground at the camera's feet. Default 1 m.
     pub near: f64,
-    /// Where shadows end (metres from the eye, above [`near`](Self::near)). Farther costs
+    /// Where shadows end (meters from the eye, above [`near`](Self::near)). Farther costs
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
     /// plain sight. Default 500 m.
     pub far: f64,
@@ -184,7 +184,7 @@ pub enum SplitScheme {
         /// Growth from one plane's distance to the next, above 1. Below 2 the second slice is
         /// *shorter* than the first.
         gamma: f64,
-        /// Pushes every inner plane out (metres, at least 0). At `(f − n)(1 − 1/gamma)` or
+        /// Pushes every inner plane out (meters, at least 0). At `(f − n)(1 − 1/gamma)` or
         /// more the last planes fall together and their cascades stay empty.
         bias: f64,
     },
@@ -193,10 +193,10 @@ pub enum SplitScheme {
     GeometricScaled {
         /// Growth from one plane's distance to the next, above 1.
         gamma: f64,
-        /// Length added to the first slice (metres, at least 0).
+        /// Length added to the first slice (meters, at least 0).
         bias: f64,
     },
-    /// Inner planes by hand (metres from the eye): one fewer than cascades, strictly growing,
+    /// Inner planes by hand (meters from the eye): one fewer than cascades, strictly growing,
     /// between near and far.
     Manual(Vec<f64>),
 }

@@ -8,20 +8,20 @@ use bevy::{
 /// What managed lights show in the picture.
 ///
 /// All but [`ShadowOverlay::CascadeTint`] take the place of the light's own light, whatever the
-/// material: surfaces that receive shadows show a colour, on top of what other lights add.
-/// Numbers are greys of linear light, read off pictures in float formats as they are.
+/// material: surfaces that receive shadows show a color, on top of what other lights add.
+/// Numbers are grays of linear light, read off pictures in float formats as they are.
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub enum ShadowOverlay {
     /// Nothing but its light.
     #[default]
     None,
-    /// Its light in the colour of the cascade: red, green, blue, yellow, and grey where shadows
+    /// Its light in the color of the cascade: red, green, blue, yellow, and gray where shadows
     /// have ended. Of cascades that share a slice, the first one's.
     CascadeTint,
     /// The share of its light that arrives: white where all does.
     Light,
-    /// The cascade by the same colours.
+    /// The cascade by the same colors.
     Cascade,
     /// The bias in texels, towards the light: 0.1 (linear) is one texel. What goes along the
     /// normal instead, beyond 3, is not shown, nor is what goes away from the light.
@@ -29,8 +29,8 @@ pub enum ShadowOverlay {
     /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
     /// one, texels show.
     TexelsPerPixel,
-    /// The texels of the map, as a chequerboard of squares of [`GRID_TEXELS`] a side in the cascade's
-    /// colour; darker in shadow (as Lloyd et al. 2006, Figs. 2 and 15).
+    /// The texels of the map, as a checkerboard of squares of [`GRID_TEXELS`] a side in the cascade's
+    /// color; darker in shadow (as Lloyd et al. 2006, Figs. 2 and 15).
     TexelGrid,
 }
 

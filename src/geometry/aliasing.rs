@@ -24,9 +24,9 @@ impl Aliasing {
     ///
     /// - `clip_from_world`: any map, warped or not; NDC x and y in [−1, 1] over the map.
     /// - `axes`: the unit directions in world space along which x and y of the map grow at its
-    ///   centre. The shear of a warped map's texels is left out, as in the paper.
+    ///   center. The shear of a warped map's texels is left out, as in the paper.
     /// - `point`: in world space.
-    /// - `image_side`: side of the image at the point's depth (metres): `2 tan θ · depth`. All of
+    /// - `image_side`: side of the image at the point's depth (meters): `2 tan θ · depth`. All of
     ///   it counts as one pixel.
     ///
     /// `None` where the map has no image of the point (`w <= 0`) or no extent.
@@ -37,12 +37,12 @@ impl Aliasing {
         image_side: f64,
     ) -> Option<Self> {
         let clip = *clip_from_world * point.extend(1.0);
-        let per_metre = |axis: DVec3, row: usize| {
+        let per_meter = |axis: DVec3, row: usize| {
             let change = *clip_from_world * axis.extend(0.0);
             ((change[row] - clip[row] / clip.w * change.w) / clip.w).abs()
         };
         // The map is two wide.
-        let [x, z] = [0, 1].map(|row| 2.0 / per_metre(axes[row], row) / image_side);
+        let [x, z] = [0, 1].map(|row| 2.0 / per_meter(axes[row], row) / image_side);
         let sound = clip.w > 0.0 && x.is_finite() && z.is_finite();
         sound.then_some(Self { x, z })
     }

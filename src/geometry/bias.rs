@@ -1,7 +1,7 @@
 //! How much nearer to the light a lookup must be taken for a plane not to shadow itself: exactly
 //! enough, for any map.
 //!
-//! A map stores the depth of texel centres, and a lookup reads those around it, so on a slope it
+//! A map stores the depth of texel centers, and a lookup reads those around it, so on a slope it
 //! finds texels that are nearer to the light than the surface at the lookup. A map's matrix
 //! takes planes to planes: the depth changes evenly over the map, and the greatest change within
 //! the lookup's reach is necessary and sufficient ([`sufficient`]).
@@ -16,12 +16,12 @@
 
 use glam::{DMat4, DVec2, DVec3};
 
-/// What a bilinear tap reads: texel centres less than one texel away, along both axes; and the
-/// 1/256 of a texel that rasterisers round vertices to, with a margin (texels).
+/// What a bilinear tap reads: texel centers less than one texel away, along both axes; and the
+/// 1/256 of a texel that rasterizers round vertices to, with a margin (texels).
 pub const TAP_REACH: f64 = 1.0 + 1.0 / 64.0;
 
-/// The automatic bias is never below that of a plane with this slope (metres towards the light
-/// per metre across it): a wall may stand on the plane, and rises within one tap's reach.
+/// The automatic bias is never below that of a plane with this slope (meters towards the light
+/// per meter across it): a wall may stand on the plane, and rises within one tap's reach.
 pub const LEAST_SLOPE: f64 = 2.0;
 
 /// The automatic bias moves a lookup towards the light by no more than this (texels across the
@@ -35,7 +35,7 @@ pub const MOST_TEXELS: u32 = 3;
 pub const MOST_OFFSET_TEXELS: f64 = 2.0;
 
 /// Where a filter's taps differ, casters that rise by less than this from the lookup's point
-/// (metres towards the light per metre across it, on top of the plane's own slope) may be a bend
+/// (meters towards the light per meter across it, on top of the plane's own slope) may be a bend
 /// of the surface itself.
 pub const CORNER_SLOPE: u32 = 4;
 
@@ -46,7 +46,7 @@ pub const EDGE_ON_RECIPROCAL: u32 = 128;
 /// World positions are rounded by one part in so many, matrices' products included.
 pub const ROUNDING_RECIPROCAL: u32 = 1 << 22;
 
-/// NDC at a point of the world, and its gradients there (per metre).
+/// NDC at a point of the world, and its gradients there (per meter).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapDerivatives {
     /// NDC of the point.
@@ -87,13 +87,13 @@ impl MapDerivatives {
             .then(|| DVec2::new(self.z.dot(y_and_normal), self.z.dot(normal_and_x)) / sound)
     }
 
-    /// Size of a texel across the light, along the map's axes (metres).
+    /// Size of a texel across the light, along the map's axes (meters).
     pub fn texel(&self, map_size: DVec2) -> DVec2 {
         2.0 / map_size / DVec2::new(self.x.length(), self.y.length())
     }
 }
 
-/// The bias in NDC depth that suffices for lookups that read texel centres at most `reach`
+/// The bias in NDC depth that suffices for lookups that read texel centers at most `reach`
 /// texels away along each axis, in a map of so many texels: a nearest texel's reach is a half, a
 /// bilinear tap's one, that of a kernel of bilinear taps up to `j` texels away `j + 1`.
 pub fn sufficient(slope: DVec2, reach: DVec2, map_size: DVec2) -> f64 {
@@ -105,7 +105,7 @@ pub fn sufficient(slope: DVec2, reach: DVec2, map_size: DVec2) -> f64 {
 pub struct Bias {
     /// Towards the light (NDC depth).
     pub depth: f64,
-    /// Along the normal, to the light's side (metres).
+    /// Along the normal, to the light's side (meters).
     pub offset: f64,
 }
 
@@ -125,16 +125,16 @@ pub fn automatic(
     let slope = map.depth_slope(normal)?;
     let reach = sufficient(slope, DVec2::splat(TAP_REACH), map_size);
     let sizes = map.texel(map_size);
-    let (texel, per_metre) = (sizes.max_element(), map.z.dot(to_light).abs());
-    let wall = LEAST_SLOPE * texel * per_metre;
+    let (texel, per_meter) = (sizes.max_element(), map.z.dot(to_light).abs());
+    let wall = LEAST_SLOPE * texel * per_meter;
     let rounding = (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
     let sideways = (slope.abs() * 2.0 / map_size / sizes).element_sum();
     let need = reach.max(wall) + rounding * (map.z.length() + sideways);
-    let depth = need.min(f64::from(MOST_TEXELS) * texel * per_metre);
+    let depth = need.min(f64::from(MOST_TEXELS) * texel * per_meter);
     let facing = normal.dot(to_light).abs();
     let out = facing.max(1.0 / f64::from(EDGE_ON_RECIPROCAL));
     Some(Bias {
         depth,
-        offset: out * (need - depth) / per_metre,
+        offset: out * (need - depth) / per_meter,
     })
 }

@@ -9,13 +9,13 @@ use super::slice::Slice;
 pub struct HalfSpace {
     /// Outward unit normal, in world space.
     pub normal: DVec3,
-    /// Signed distance of the plane from the world's origin along the normal (metres).
+    /// Signed distance of the plane from the world's origin along the normal (meters).
     pub distance: f64,
 }
 
 /// A bounded convex body: corners, and faces as rings of their indices.
 ///
-/// Neighbouring faces share corners by index, so that every edge is found from both sides.
+/// Neighboring faces share corners by index, so that every edge is found from both sides.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ConvexBody {
     /// Corners, in world space.
@@ -80,7 +80,7 @@ impl ConvexBody {
 
     /// The half-spaces of its faces.
     pub fn planes(&self) -> impl Iterator<Item = HalfSpace> {
-        let inside = self.centre();
+        let inside = self.center();
         self.faces().filter_map(move |face| {
             let normal = self.outward_normal(face, inside)?;
             Some(HalfSpace {
@@ -165,18 +165,18 @@ impl ConvexBody {
     }
 
     /// Mean of the corners, which lies inside.
-    pub fn centre(&self) -> DVec3 {
+    pub fn center(&self) -> DVec3 {
         self.corners.iter().sum::<DVec3>() / self.corners.len().max(1) as f64
     }
 
-    /// Centre of mass, which moves continuously with the body. Of a flat one, as
-    /// [`ConvexBody::centre`].
+    /// Center of mass, which moves continuously with the body. Of a flat one, as
+    /// [`ConvexBody::center`].
     pub fn centroid(&self) -> DVec3 {
-        let centre = self.centre();
+        let center = self.center();
         let mut sum = DVec3::ZERO;
         let mut total = 0.0;
         for face in self.faces() {
-            let corner = |i: usize| self.corners[face[i]] - centre;
+            let corner = |i: usize| self.corners[face[i]] - center;
             for i in 1..face.len() - 1 {
                 let (a, b, c) = (corner(0), corner(i), corner(i + 1));
                 let volume = a.cross(b).dot(c).abs();
@@ -186,9 +186,9 @@ impl ConvexBody {
         }
         let offset = sum / total;
         if offset.is_finite() {
-            centre + offset
+            center + offset
         } else {
-            centre
+            center
         }
     }
 
@@ -270,14 +270,14 @@ impl<'a> Cut<'a> {
             .filter_map(|(kept, _)| *kept)
             .chain(self.on_edge.iter().map(|(_, corner)| *corner))
             .collect();
-        let centre = ring
+        let center = ring
             .iter()
             .map(|corner| self.corners[*corner])
             .sum::<DVec3>()
             / ring.len().max(1) as f64;
         let (right, up) = normal.any_orthonormal_pair();
         let angle = |corner: &usize| {
-            let from = self.corners[*corner] - centre;
+            let from = self.corners[*corner] - center;
             up.dot(from).atan2(right.dot(from))
         };
         ring.sort_by(|a, b| angle(a).total_cmp(&angle(b)));

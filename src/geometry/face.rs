@@ -22,7 +22,7 @@ pub struct Face {
     pub frame: WarpFrame,
     /// Its corners.
     pub vertices: [BodyVertex; 4],
-    /// Strength of the warp (1/metres).
+    /// Strength of the warp (1/meters).
     pub strength: f64,
 }
 
@@ -102,7 +102,7 @@ pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
             let edges = [c - a, d - b];
 
             let normal = edges[0].cross(edges[1]).try_normalize()?;
-            let outward = normal * normal.dot(a - slice.centre).signum();
+            let outward = normal * normal.dot(a - slice.center).signum();
             let facing = outward.dot(to_light.try_normalize()?);
             let from_behind = forward(view)?.dot(to_light) <= 0.0;
             if facing.abs() < EDGE_ON || (facing > 0.0) != from_behind {

@@ -11,11 +11,11 @@ use super::{
 /// An orthographic map: a box in the light's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapBox {
-    /// Centre in the light's frame (metres; origin at the world's).
-    pub centre: DVec3,
-    /// Half the box's extents in the light's frame (metres).
+    /// Center in the light's frame (meters; origin at the world's).
+    pub center: DVec3,
+    /// Half the box's extents in the light's frame (meters).
     pub half: DVec3,
-    /// Size of a texel along the map's two axes (metres).
+    /// Size of a texel along the map's two axes (meters).
     pub texel: DVec2,
 }
 
@@ -27,12 +27,12 @@ pub struct LookupReach {
     pub texels: f64,
 }
 
-/// No map is thinner than this (metres): an extent is never divided by raw.
+/// No map is thinner than this (meters): an extent is never divided by raw.
 const MIN_EXTENT: f64 = 1e-6;
 
 /// A map that moves in whole texels and never changes its size or orientation.
 ///
-/// The slice's bounding sphere fixes the size; the centre is rounded to the texel grid of the
+/// The slice's bounding sphere fixes the size; the center is rounded to the texel grid of the
 /// light's own frame, anchored at the world's origin. What lookups reach beyond the slice stays
 /// inside the map. (NVIDIA 2007; sphere and guard as in Valient 2008.)
 pub fn stable(slice: &Slice, light: &LightFrame, map_size: UVec2, reach: LookupReach) -> MapBox {
@@ -42,8 +42,8 @@ pub fn stable(slice: &Slice, light: &LightFrame, map_size: UVec2, reach: LookupR
     let depth = half.max_element() + reach.texels * texel.max_element();
     MapBox {
         // Depth moves in steps too: it is rounded the same from frame to frame.
-        centre: snapped(
-            light.light_from_world(slice.centre),
+        center: snapped(
+            light.light_from_world(slice.center),
             texel.extend(texel.max_element()),
         ),
         half: half.extend(depth),
@@ -58,7 +58,7 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
 
 /// The smallest box around points in the light's frame, grown by some slack: as long as that
 /// lasts, the map moves in whole texels and does not change its size. `held` is the extent
-/// (metres).
+/// (meters).
 pub fn tight(
     points: &[DVec3],
     light: &LightFrame,
@@ -81,10 +81,10 @@ pub fn tight(
     let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
     let half = 0.5 * steady * size / usable(size, guard);
     let texel = 2.0 * half / size;
-    let centre = (lo + hi) * 0.5;
+    let center = (lo + hi) * 0.5;
     let cell = texel.extend(texel.max_element());
     MapBox {
-        centre: if snaps { snapped(centre, cell) } else { centre },
+        center: if snaps { snapped(center, cell) } else { center },
         half: half.extend(0.5 * extent.z + (reach.texels + 0.5) * cell.z),
         texel,
     }
@@ -99,10 +99,10 @@ impl MapBox {
     /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]
     /// with 1 at the light's side (reverse z), w = 1.
     pub fn clip_from_world(&self, light: &LightFrame) -> DMat4 {
-        let row = |axis: DVec3, centre: f64, half: f64| (axis / half).extend(-centre / half);
-        let x = row(light.x, self.centre.x, self.half.x);
-        let y = row(light.y, self.centre.y, self.half.y);
-        let z = row(light.z, self.centre.z, self.half.z) * 0.5 + DVec4::new(0.0, 0.0, 0.0, 0.5);
+        let row = |axis: DVec3, center: f64, half: f64| (axis / half).extend(-center / half);
+        let x = row(light.x, self.center.x, self.half.x);
+        let y = row(light.y, self.center.y, self.half.y);
+        let z = row(light.z, self.center.z, self.half.z) * 0.5 + DVec4::new(0.0, 0.0, 0.0, 0.5);
         DMat4::from_cols(x, y, z, DVec4::W).transpose()
     }
 
@@ -110,7 +110,7 @@ impl MapBox {
     /// face.
     pub fn world_from_cascade(&self, light: &LightFrame) -> DMat4 {
         let rotation = light.world_from_light();
-        let origin = rotation * (self.centre + DVec3::Z * self.half.z);
+        let origin = rotation * (self.center + DVec3::Z * self.half.z);
         DMat4::from_mat3_translation(rotation, origin)
     }
 }

@@ -15,10 +15,10 @@ pub struct CasterHull {
 }
 
 impl CasterHull {
-    /// Sweeps `body` towards the light, grown by `margin` metres on every side: what filters
+    /// Sweeps `body` towards the light, grown by `margin` meters on every side: what filters
     /// and offsets reach beyond a surface point. `to_light` is a unit vector.
     pub fn new(body: &ConvexBody, to_light: DVec3, margin: f64) -> Self {
-        let inside = body.centre();
+        let inside = body.center();
         let faces: Vec<Option<DVec3>> = body
             .faces()
             .map(|face| body.outward_normal(face, inside))
@@ -71,11 +71,11 @@ impl CasterHull {
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
     ///
     /// `half_axes` are the box's half-extents as three vectors in world space.
-    pub fn intersects_box(&self, centre: DVec3, half_axes: &DMat3) -> bool {
+    pub fn intersects_box(&self, center: DVec3, half_axes: &DMat3) -> bool {
         // A box that is not a number is outside of no plane.
         !self.planes.iter().any(|plane| {
             let reach = (half_axes.transpose() * plane.normal).abs().element_sum();
-            plane.normal.dot(centre) - reach > plane.distance
+            plane.normal.dot(center) - reach > plane.distance
         })
     }
 }

@@ -34,7 +34,7 @@ impl LightFrame {
         })
     }
 
-    /// Coordinates of a world-space point in the light's frame (metres; origin at the world's).
+    /// Coordinates of a world-space point in the light's frame (meters; origin at the world's).
     pub fn light_from_world(&self, point: DVec3) -> DVec3 {
         DVec3::new(self.x.dot(point), self.y.dot(point), self.z.dot(point))
     }

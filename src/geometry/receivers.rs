@@ -8,7 +8,7 @@ use super::{
 };
 
 /// Bounds of something along the world's axes and in depth: x, y, z and the depth before the eye
-/// (metres). Ends in no order if it is nothing.
+/// (meters). Ends in no order if it is nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
     /// Lower ends.
@@ -124,12 +124,12 @@ impl Receivers {
 
     /// Adds what lies in an oriented box, given by its half-extents as three vectors in world
     /// space. Not if the box is not finite or wholly behind the eye: then nothing is seen of it.
-    pub fn add(&mut self, centre: DVec3, half_axes: &DMat3) {
+    pub fn add(&mut self, center: DVec3, half_axes: &DMat3) {
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
-        let reach = (half_axes.transpose() * self.depth.per_metre)
+        let reach = (half_axes.transpose() * self.depth.per_meter)
             .abs()
             .element_sum();
-        let middle = centre.extend(self.depth.of(centre));
+        let middle = center.extend(self.depth.of(center));
         let half = half.extend(reach);
         let bounds = Extent {
             lo: middle - half,
@@ -204,11 +204,11 @@ impl SliceContent {
         if it.lo.w > self.bounds.hi.w || it.hi.w < self.bounds.lo.w || self.adds_nothing(it) {
             return;
         }
-        let centre = 0.5 * (it.lo + it.hi).truncate();
+        let center = 0.5 * (it.lo + it.hi).truncate();
         let half = 0.5 * (it.hi - it.lo).truncate();
         let mut is_inside = true;
         for plane in &self.planes {
-            let beyond = plane.normal.dot(centre) - plane.distance;
+            let beyond = plane.normal.dot(center) - plane.distance;
             let reach = plane.normal.abs().dot(half);
             if beyond > reach {
                 return;

@@ -5,21 +5,21 @@ use glam::{DAffine3, DMat3, DVec2, DVec3, Mat4, Vec4};
 use super::body::HalfSpace;
 
 /// What a camera sees, as needed to cut slices: a frame and a cross-section that is affine in
-/// depth. That covers perspective, orthographic, off-centre and custom projections alike.
+/// depth. That covers perspective, orthographic, off-center and custom projections alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewVolume {
-    /// The eye, in world space (metres).
+    /// The eye, in world space (meters).
     pub eye: DVec3,
     /// Camera axes in world space: right, up, and back (the camera looks along `-z_axis`).
-    /// Not normalised: a scaled camera sees a scaled volume.
+    /// Not normalized: a scaled camera sees a scaled volume.
     pub axes: DMat3,
-    /// Lower corner of the cross-section, at depth zero and its growth per metre of depth.
+    /// Lower corner of the cross-section, at depth zero and its growth per meter of depth.
     pub min: [DVec2; 2],
-    /// Upper corner of the cross-section, at depth zero and its growth per metre of depth.
+    /// Upper corner of the cross-section, at depth zero and its growth per meter of depth.
     pub max: [DVec2; 2],
-    /// Depth of the camera's near plane (metres; may be negative for orthographic cameras).
+    /// Depth of the camera's near plane (meters; may be negative for orthographic cameras).
     pub near: f64,
-    /// Depth beyond which nothing is drawn (metres). Infinite for perspective cameras: Bevy's
+    /// Depth beyond which nothing is drawn (meters). Infinite for perspective cameras: Bevy's
     /// have no far plane on the GPU, and none when it decides what is visible.
     pub far: f64,
 }
@@ -66,12 +66,12 @@ impl ViewVolume {
         -self.axes.inverse().row(2)
     }
 
-    /// Depth of a point in world space (metres before the eye).
+    /// Depth of a point in world space (meters before the eye).
     pub fn depth_of(&self, point: DVec3) -> f64 {
         Depth::new(self).of(point)
     }
 
-    /// Height of the image at a depth (metres).
+    /// Height of the image at a depth (meters).
     pub fn image_height(&self, depth: f64) -> f64 {
         let height = self.max[0].y - self.min[0].y + depth * (self.max[1].y - self.min[1].y);
         height * self.axes.y_axis.length()
@@ -96,7 +96,7 @@ impl ViewVolume {
 pub struct Depth {
     eye: DVec3,
     /// A point's depth is its product with this, from the eye.
-    pub(super) per_metre: DVec3,
+    pub(super) per_meter: DVec3,
 }
 
 impl Depth {
@@ -104,21 +104,21 @@ impl Depth {
     pub fn new(view: &ViewVolume) -> Self {
         Self {
             eye: view.eye,
-            per_metre: view.per_depth(),
+            per_meter: view.per_depth(),
         }
     }
 
-    /// Everything at most so deep (metres).
+    /// Everything at most so deep (meters).
     pub fn before(&self, depth: f64) -> HalfSpace {
-        let length = self.per_metre.length();
-        let normal = self.per_metre / length;
+        let length = self.per_meter.length();
+        let normal = self.per_meter / length;
         HalfSpace {
             normal,
             distance: normal.dot(self.eye) + depth / length,
         }
     }
 
-    /// Everything at least so deep (metres).
+    /// Everything at least so deep (meters).
     pub fn beyond(&self, depth: f64) -> HalfSpace {
         let HalfSpace { normal, distance } = self.before(depth);
         HalfSpace {
@@ -127,9 +127,9 @@ impl Depth {
         }
     }
 
-    /// Depth of a point in world space (metres before the eye).
+    /// Depth of a point in world space (meters before the eye).
     pub fn of(&self, point: DVec3) -> f64 {
-        self.per_metre.dot(point - self.eye)
+        self.per_meter.dot(point - self.eye)
     }
 }
 
@@ -176,15 +176,15 @@ pub struct Slice {
     /// Corners in world space: four at the near depth, then four at the far depth, both starting
     /// at the lower left and going round the same way.
     pub corners: [DVec3; 8],
-    /// Centre of a bounding sphere, in world space.
-    pub centre: DVec3,
-    /// Radius of that sphere (metres). It depends on the projection and the two depths only,
+    /// Center of a bounding sphere, in world space.
+    pub center: DVec3,
+    /// Radius of that sphere (meters). It depends on the projection and the two depths only,
     /// not on where the camera is or looks: bit for bit the same from frame to frame.
     pub radius: f64,
 }
 
 impl Slice {
-    /// Height of the image at the depth of a corner (metres).
+    /// Height of the image at the depth of a corner (meters).
     pub fn image_height(&self, corner: usize) -> f64 {
         let quad = corner / 4 * 4;
         self.corners[quad].distance(self.corners[quad + 3])
@@ -201,11 +201,11 @@ impl Slice {
             steady_length(view.axes.y_axis),
             steady_length(view.axes.z_axis),
         );
-        let (centre, radius) = bounding_sphere(&local, near, far, scale);
+        let (center, radius) = bounding_sphere(&local, near, far, scale);
         let world = |p: DVec3| view.eye + view.axes * p;
         Self {
             corners: local.map(world),
-            centre: world(centre),
+            center: world(center),
             radius,
         }
     }
@@ -226,11 +226,11 @@ fn bounding_sphere(local: &[DVec3; 8], near: f64, far: f64, scale: DVec3) -> (DV
     let (a, b) = (near * scale.z, far * scale.z);
     let equidistant = ((b * b + r_far) - (a * a + r_near)) / (2.0 * (b - a));
     let t = ((equidistant.clamp(a, b) - a) / (b - a)).clamp(0.0, 1.0);
-    let centre = m_near.lerp(m_far, t);
+    let center = m_near.lerp(m_far, t);
     let radius = local
         .iter()
-        .map(|corner| ((*corner - centre) * scale).length_squared())
+        .map(|corner| ((*corner - center) * scale).length_squared())
         .fold(0.0, f64::max)
         .sqrt();
-    (centre, radius)
+    (center, radius)
 }

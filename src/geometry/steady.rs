@@ -19,7 +19,7 @@ pub const PATIENCE: u32 = 30;
 const ROUNDING: f64 = 1e-9;
 
 impl Slack {
-    /// A length that is at least as long as needed (metres): a whole power of `1 + slack`. One that
+    /// A length that is at least as long as needed (meters): a whole power of `1 + slack`. One that
     /// is held stays until it is too short, or has been two steps too long for a while.
     pub fn length(self, needed: f64, held: &mut Held<f64>) -> f64 {
         self.power(needed, held, 1.0)
@@ -45,7 +45,7 @@ impl Slack {
         )
     }
 
-    /// An interval that holds the one needed (metres), its ends multiples of `slack · scale`. One
+    /// An interval that holds the one needed (meters), its ends multiples of `slack · scale`. One
     /// that is held stays until it is too narrow, or has been two steps too wide for a while.
     pub fn interval(self, needed: [f64; 2], scale: f64, held: &mut Held<[f64; 2]>) -> [f64; 2] {
         let step = self.0 * scale;

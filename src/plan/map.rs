@@ -24,7 +24,7 @@ pub(super) struct Laid {
     strength: f64,
 }
 
-/// `held` is the extent of a tight map (metres).
+/// `held` is the extent of a tight map (meters).
 pub(super) fn lay(
     inputs: &PlanInputs,
     body: &Body,
@@ -84,7 +84,7 @@ impl Laid {
 
 /// What the renderer and the culling need of a map. `None` if it has no extent.
 pub(super) fn finish(inputs: &PlanInputs, body: &Body, laid: Laid) -> Option<CascadeMap> {
-    // Mirrored, triangles turn their backs on the rasteriser.
+    // Mirrored, triangles turn their backs on the rasterizer.
     let turned = match inputs.config.caster_faces {
         CasterFaces::Front => DMat4::IDENTITY,
         CasterFaces::Back => DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0)),

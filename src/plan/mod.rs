@@ -28,9 +28,9 @@ use layout::Layout;
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CascadePlan {
-    /// Depth at which the cascade takes over, blend band included (metres from the eye).
+    /// Depth at which the cascade takes over, blend band included (meters from the eye).
     pub near: f64,
-    /// Depth at which it ends (metres from the eye).
+    /// Depth at which it ends (meters from the eye).
     pub far: f64,
     /// Depth at which blending into the next cascade, or for the last one into light, begins.
     pub blend_start: f64,
@@ -55,11 +55,11 @@ pub struct CascadeMap {
     pub clip_from_cascade: DMat4,
     /// The cascade's own frame to world space.
     pub world_from_cascade: DMat4,
-    /// Size of a texel along the map's axes, where it is largest (metres).
+    /// Size of a texel along the map's axes, where it is largest (meters).
     pub texel: DVec2,
     /// How the map is laid over its slice: as configured, or chosen.
     pub fit: MapFit,
-    /// How strongly the map is warped (1/metres; the reciprocal of the distance from the centre of
+    /// How strongly the map is warped (1/meters; the reciprocal of the distance from the center of
     /// projection to the body); 0 if it is not.
     pub strength: f64,
     /// Where casters can stand that matter to what receives shadows in the slice.
@@ -116,7 +116,7 @@ struct CascadeHistory {
     bounds: [Held<[f64; 2]>; 3],
     /// Of the same, in depth.
     depths: [Held<f64>; 2],
-    /// Of a tight map (metres).
+    /// Of a tight map (meters).
     extent: [Held<f64>; 2],
     fit: Option<MapFit>,
     /// Of a map from a budget (texels).

@@ -400,7 +400,7 @@ const NO_MAP: ExtractedCascade = ExtractedCascade {
     map_size: UVec2::splat(crate::config::MIN_MAP_SIZE),
     has_map: false,
     texel: [0.0; 2],
-    depth_per_metre: 0.0,
+    depth_per_meter: 0.0,
     blend_start: f32::MAX,
     far: f32::MAX,
     wedge: None,

@@ -49,10 +49,10 @@ pub(crate) struct ExtractedLight {
 pub(crate) struct ExtractedCascade {
     pub map_size: UVec2,
     pub has_map: bool,
-    /// Size of a texel (metres), and NDC depth per metre towards the light: of maps that are not
+    /// Size of a texel (meters), and NDC depth per meter towards the light: of maps that are not
     /// in perspective.
     pub texel: [f32; 2],
-    pub depth_per_metre: f32,
+    pub depth_per_meter: f32,
     pub blend_start: f32,
     pub far: f32,
     pub wedge: Option<ExtractedWedge>,
@@ -72,7 +72,7 @@ impl From<&CascadePlan> for ExtractedCascade {
             map_size: plan.map_size,
             has_map: map.is_some(),
             texel: map.map_or([0.0; 2], |map| map.texel.as_vec2().to_array()),
-            depth_per_metre: map.map_or(0.0, |map| {
+            depth_per_meter: map.map_or(0.0, |map| {
                 map.clip_from_world.row(2).truncate().length() as f32
             }),
             // Apart from the end, or shaders would divide by nothing.

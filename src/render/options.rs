@@ -14,7 +14,7 @@ use crate::{
 /// As `LightSlot` and the border of `CascadeSlot` in `shaders/slot.wesl`.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(crate) struct LookupOptions {
-    /// Kind, size, whether that is in metres, whether cascades are dithered.
+    /// Kind, size, whether that is in meters, whether cascades are dithered.
     pub filter: [f32; 4],
     /// Kind, two parameters, whether depth is taken as linear.
     pub bias: [f32; 4],
@@ -28,7 +28,7 @@ pub(crate) struct LookupOptions {
 impl LookupOptions {
     pub fn new(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
         let kind = config.filter_for(light);
-        let (filter, size, in_metres) = match kind {
+        let (filter, size, in_meters) = match kind {
             ShadowFilter::Camera => (code::FILTER_CAMERA, 1.0, false),
             ShadowFilter::Hardware2x2 => (code::FILTER_HARDWARE, 1.0, false),
             ShadowFilter::Tent(radius) => with_radius(code::FILTER_TENT, radius),
@@ -40,12 +40,12 @@ impl LookupOptions {
         };
         let (bias, parameters) = match config.bias {
             ShadowBias::Automatic => (code::BIAS_AUTOMATIC, [TAP_REACH, LEAST_SLOPE]),
-            ShadowBias::Constant { metres } => (code::BIAS_CONSTANT, [metres, 0.0]),
-            ShadowBias::SlopeScaled { factor, metres } => {
-                (code::BIAS_SLOPE_SCALED, [metres, factor])
+            ShadowBias::Constant { meters } => (code::BIAS_CONSTANT, [meters, 0.0]),
+            ShadowBias::SlopeScaled { factor, meters } => {
+                (code::BIAS_SLOPE_SCALED, [meters, factor])
             }
             ShadowBias::NormalOffset { texels } => (code::BIAS_NORMAL_OFFSET, [texels, 0.0]),
-            ShadowBias::ReceiverPlane { metres } => (code::BIAS_RECEIVER_PLANE, [metres, 0.0]),
+            ShadowBias::ReceiverPlane { meters } => (code::BIAS_RECEIVER_PLANE, [meters, 0.0]),
         };
         let side = match config.caster_faces {
             CasterFaces::Front => 1.0,
@@ -56,7 +56,7 @@ impl LookupOptions {
             filter: [
                 filter as f32,
                 size,
-                flag(in_metres),
+                flag(in_meters),
                 flag(config.transition == CascadeTransition::Dither),
             ],
             bias: [
@@ -78,6 +78,6 @@ impl LookupOptions {
 fn with_radius(kind: u32, radius: FilterRadius) -> (u32, f32, bool) {
     match radius {
         FilterRadius::Texels(texels) => (kind, texels as f32, false),
-        FilterRadius::Metres(metres) => (kind, metres as f32, true),
+        FilterRadius::Meters(meters) => (kind, meters as f32, true),
     }
 }

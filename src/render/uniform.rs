@@ -160,12 +160,12 @@ fn fill_slot(
         write_at(
             slot,
             field + layout::COLUMN,
-            &[cascade.blend_start, width, height, cascade.depth_per_metre],
+            &[cascade.blend_start, width, height, cascade.depth_per_meter],
         );
         if let Some(wedge) = cascade.wedge {
             write_at(slot, field + layout::TEXEL_SIZE, &[1.0 + wedge.side as f32]);
             let [first, second] = wedge.normals;
-            // Of neighbouring sides, one lies where the other does not.
+            // Of neighboring sides, one lies where the other does not.
             write_at(slot, layout::EDGES[wedge.side], &first.to_array());
             write_at(
                 slot,

@@ -199,12 +199,12 @@ fn cascade_mask(plan: &[CascadePlan], bounds: Option<&(DVec3, DMat3)>) -> u8 {
         .enumerate()
         .filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)))
         .filter(|(_, map)| {
-            bounds.is_none_or(|(centre, axes)| map.hull.intersects_box(*centre, axes))
+            bounds.is_none_or(|(center, axes)| map.hull.intersects_box(*center, axes))
         })
         .fold(0, |mask, (index, _)| mask | (1 << index))
 }
 
-/// The centre and half-axes of a local box, in world space.
+/// The center and half-axes of a local box, in world space.
 pub(super) fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> (DVec3, DMat3) {
     let matrix = &world_from_local.matrix3;
     let axes = DMat3::from_cols(

@@ -180,19 +180,19 @@ fn receivers(
             None if !no_culling && !no_bounds && !is_there(mesh) => {}
             Some(aabb) if !no_culling => {
                 let world_from_local = transform.affine();
-                let (centre, half_axes) = world_bounds(aabb, &world_from_local);
+                let (center, half_axes) = world_bounds(aabb, &world_from_local);
                 let parts = match assets {
-                    Some(assets) if !no_bounds && is_close(view, centre, &half_axes) => {
+                    Some(assets) if !no_bounds && is_close(view, center, &half_axes) => {
                         parts.of(mesh.0.id(), aabb, assets)
                     }
                     _ => &[],
                 };
                 for part in parts {
-                    let (centre, half_axes) = world_bounds(part, &world_from_local);
-                    receivers.add(centre, &half_axes);
+                    let (center, half_axes) = world_bounds(part, &world_from_local);
+                    receivers.add(center, &half_axes);
                 }
                 if parts.is_empty() {
-                    receivers.add(centre, &half_axes);
+                    receivers.add(center, &half_axes);
                 }
             }
             _ => receivers.add_everywhere(),
@@ -202,10 +202,10 @@ fn receivers(
 }
 
 /// Whether the eye is in a box, or almost, so that its parts should be told apart.
-fn is_close(view: &ViewVolume, centre: DVec3, half_axes: &DMat3) -> bool {
+fn is_close(view: &ViewVolume, center: DVec3, half_axes: &DMat3) -> bool {
     let half_axes = [half_axes.x_axis, half_axes.y_axis, half_axes.z_axis];
     let radius_2: f64 = half_axes.iter().map(|axis| axis.length_squared()).sum();
-    centre.distance_squared(view.eye) < radius_2
+    center.distance_squared(view.eye) < radius_2
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.

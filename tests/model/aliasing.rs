@@ -263,8 +263,8 @@ fn places_without_an_image_have_no_aliasing() {
     let frame = WarpFrame::of_view(&view(0.5), DVec3::Y).unwrap();
     let map = frame.clip_from_world(&body(0.5, 1.0, 9.0), 0.5);
     let axes = [frame.x, frame.y];
-    let behind_the_centre = AHEAD * -5.0;
-    assert_eq!(Aliasing::at(&map, axes, behind_the_centre, 1.0), None);
+    let behind_the_center = AHEAD * -5.0;
+    assert_eq!(Aliasing::at(&map, axes, behind_the_center, 1.0), None);
     assert_eq!(Aliasing::at(&DMat4::ZERO, axes, AHEAD, 1.0), None);
     assert!(Aliasing::at(&map, axes, AHEAD * 4.0, 4.0).is_some());
 }

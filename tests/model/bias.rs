@@ -91,7 +91,7 @@ proptest! {
                 on_plane(&map, at, point, normal)
             })
             // Reverse z: greater is nearer to the light.
-            .map(|neighbour| ndc(&map, neighbour).z - here.z)
+            .map(|neighbor| ndc(&map, neighbor).z - here.z)
             .fold(0.0, f64::max);
         let tolerance = 1e-6 * bias.max(1e-6);
         prop_assert!((worst - bias).abs() <= tolerance, "{worst} needed, {bias} given");
@@ -122,11 +122,11 @@ fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
     let map = map(DVec3::ZERO, DVec3::Y, 0.0);
     let point = DVec3::new(0.3, -1.0, -9.0);
     let here = MapDerivatives::at(&map, point).expect("it is in the map");
-    let per_metre = here.z.length();
+    let per_meter = here.z.length();
     let texel = here.texel(size).max_element();
     let bias = |normal| {
         let bias = automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
-        (bias.depth / per_metre / texel, bias.offset / texel)
+        (bias.depth / per_meter / texel, bias.offset / texel)
     };
     // Facing the light: what a wall needs. Steep, along an axis of the map: the slope's own.
     let (depth, offset) = bias(DVec3::Y);
@@ -151,5 +151,5 @@ fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
     // Far out, positions are coarser than texels.
     let far_out = DVec3::new(1e6, 0.0, 0.0);
     let far = automatic(&map, far_out, DVec3::Y, DVec3::Y, size).expect("it is lit");
-    assert!(far.depth / per_metre > 0.2, "{}", far.depth / per_metre);
+    assert!(far.depth / per_meter > 0.2, "{}", far.depth / per_meter);
 }

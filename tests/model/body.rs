@@ -8,12 +8,12 @@ fn unit_box() -> ConvexBody {
     ConvexBody::of_box(DVec3::ZERO, DVec3::ONE)
 }
 
-/// By the divergence theorem, face by face from the centre.
+/// By the divergence theorem, face by face from the center.
 fn volume(body: &ConvexBody) -> f64 {
-    let centre = body.corners.iter().sum::<DVec3>() / body.corners.len().max(1) as f64;
+    let center = body.corners.iter().sum::<DVec3>() / body.corners.len().max(1) as f64;
     body.faces()
         .map(|face| {
-            let at = |i: usize| body.corners[face[i % face.len()]] - centre;
+            let at = |i: usize| body.corners[face[i % face.len()]] - center;
             (1..face.len().saturating_sub(1))
                 .map(|i| at(0).cross(at(i)).dot(at(i + 1)) / 6.0)
                 .sum::<f64>()

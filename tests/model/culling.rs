@@ -41,8 +41,8 @@ proptest! {
         let hull = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
         let axes = DMat3::from_quat(spin.as_dquat().normalize()) * DMat3::from_diagonal(half.into());
         let on_ray = inside(&slice, weights) + to_light * way;
-        let centre = on_ray - axes * DVec3::from(hit);
-        prop_assert!(hull.intersects_box(centre, &axes));
+        let center = on_ray - axes * DVec3::from(hit);
+        prop_assert!(hull.intersects_box(center, &axes));
     }
 
     #[test]
@@ -54,10 +54,10 @@ proptest! {
         let slice = slice(turn, 1.0, 100.0);
         let hull = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
         let axes = DMat3::from_diagonal(DVec3::splat(radius));
-        let beyond = slice.centre - to_light * (slice.radius + 10.0 * radius);
+        let beyond = slice.center - to_light * (slice.radius + 10.0 * radius);
         prop_assert!(!hull.intersects_box(beyond, &axes));
         let side = to_light.any_orthonormal_vector();
-        let beside = slice.centre + side * (slice.radius + 10.0 * radius) + to_light * 50.0;
+        let beside = slice.center + side * (slice.radius + 10.0 * radius) + to_light * 50.0;
         prop_assert!(!hull.intersects_box(beside, &axes));
     }
 

@@ -27,7 +27,7 @@ const SIZE: u32 = 1024;
 /// A box along the world's axes.
 #[derive(Debug, Clone, Copy)]
 struct Thing {
-    centre: DVec3,
+    center: DVec3,
     half: DVec3,
 }
 
@@ -50,7 +50,7 @@ impl Scene {
     fn receivers(&self, view: &ViewVolume) -> Receivers {
         let mut receivers = Receivers::new(view);
         for thing in &self.things {
-            receivers.add(thing.centre, &DMat3::from_diagonal(thing.half));
+            receivers.add(thing.center, &DMat3::from_diagonal(thing.half));
         }
         receivers
     }
@@ -79,7 +79,7 @@ fn scene() -> impl Strategy<Value = Scene> {
         prop::array::uniform3(-2.0..2.5_f64),
     )
         .prop_map(|(at, size)| Thing {
-            centre: DVec3::from(at) * DVec3::new(1.0, 0.2, 1.0),
+            center: DVec3::from(at) * DVec3::new(1.0, 0.2, 1.0),
             half: DVec3::from(size.map(|size| 10_f64.powf(size))),
         });
     (
@@ -97,7 +97,7 @@ fn scene() -> impl Strategy<Value = Scene> {
             } else {
                 DVec3::ZERO
             };
-            things.iter_mut().for_each(|it| it.centre += offset);
+            things.iter_mut().for_each(|it| it.center += offset);
             Scene {
                 eye: (Vec3::from(eye).as_dvec3() + offset).as_vec3().as_dvec3(),
                 turn,
@@ -164,11 +164,11 @@ proptest! {
         let view = scene.view();
         let plans = scene.plan(&config, to_light);
         let within = |point: DVec3| {
-            scene.things.iter().any(|it| (point - it.centre).abs().cmple(it.half).all())
+            scene.things.iter().any(|it| (point - it.center).abs().cmple(it.half).all())
         };
         let of_boxes = spots.iter().map(|(index, at)| {
             let thing = scene.things[index % scene.things.len()];
-            thing.centre + thing.half * DVec3::from(*at)
+            thing.center + thing.half * DVec3::from(*at)
         });
         let of_rays = rays.iter().map(|[x, y, depth]| {
             let depth = 0.1 * 4000_f64.powf(*depth);
@@ -258,7 +258,7 @@ proptest! {
 /// The box around what things have in a slice, each clipped by itself.
 fn exact_extent(scene: &Scene, view: &ViewVolume, slice: &Slice) -> [DVec4; 2] {
     let parts = scene.things.iter().map(|thing| {
-        let [lo, hi] = [thing.centre - thing.half, thing.centre + thing.half];
+        let [lo, hi] = [thing.center - thing.half, thing.center + thing.half];
         ConvexBody::of_box(lo, hi).within(ConvexBody::of_slice(slice).planes())
     });
     let corners = parts.flat_map(|part| part.corners);
@@ -428,12 +428,12 @@ fn slack_holds_maps_still() {
         aspect: 1.6,
         things: vec![
             Thing {
-                centre: DVec3::ZERO,
+                center: DVec3::ZERO,
                 half: DVec3::new(400.0, 0.1, 400.0),
             },
             // Something that moves.
             Thing {
-                centre: DVec3::new(3.0, 1.0, -20.0 + 0.02 * f64::from(step)),
+                center: DVec3::new(3.0, 1.0, -20.0 + 0.02 * f64::from(step)),
                 half: DVec3::ONE,
             },
         ],
@@ -482,7 +482,7 @@ fn splits_are_spread_where_there_is_anything() {
         fov: 0.8,
         aspect: 1.6,
         things: vec![Thing {
-            centre: DVec3::ZERO,
+            center: DVec3::ZERO,
             half: DVec3::new(900.0, 5.0, 900.0),
         }],
     };
@@ -524,7 +524,7 @@ fn nothing_to_shadow_is_no_map() {
         fov: 1.0,
         aspect: 1.0,
         things: vec![Thing {
-            centre: DVec3::new(0.0, 0.0, 50.0),
+            center: DVec3::new(0.0, 0.0, 50.0),
             half: DVec3::ONE,
         }],
     };
@@ -644,7 +644,7 @@ fn ground(eye: f64, pitch: f32) -> Scene {
         fov: 0.8,
         aspect: 1.6,
         things: vec![Thing {
-            centre: DVec3::ZERO,
+            center: DVec3::ZERO,
             half: DVec3::new(900.0, 5.0, 900.0),
         }],
     }

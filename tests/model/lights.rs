@@ -1,4 +1,4 @@
-//! ECS behaviour of the component, without a renderer.
+//! ECS behavior of the component, without a renderer.
 
 use bevy::{
     app::PostUpdate,

@@ -1,4 +1,4 @@
-//! Everything that needs no GPU: mathematics, configuration, ECS behaviour.
+//! Everything that needs no GPU: mathematics, configuration, ECS behavior.
 
 #[path = "../../examples/common/server.rs"]
 mod server;

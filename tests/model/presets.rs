@@ -26,7 +26,7 @@ fn every_field_and_variant_is_read() {
             enabled: false, cascades: 3, near: 0.5, far: 900.0,
             splits: Manual([20.0, 110.5]),
             blend: 0.2, fade: 0.0, fit: Tight, map_size: List([1000, 777, 64]), culling: Off,
-            bias: SlopeScaled(factor: 2.0, metres: 0.01), filter: Tent(Metres(0.3)),
+            bias: SlopeScaled(factor: 2.0, meters: 0.01), filter: Tent(Meters(0.3)),
             transition: Dither, caster_faces: Back, depth: Linear,
             focus: Off, slack: 0.25, warp_axis: Middle,
         )",
@@ -47,9 +47,9 @@ fn every_field_and_variant_is_read() {
         culling: CasterCulling::Off,
         bias: ShadowBias::SlopeScaled {
             factor: 2.0,
-            metres: 0.01,
+            meters: 0.01,
         },
-        filter: ShadowFilter::Tent(FilterRadius::Metres(0.3)),
+        filter: ShadowFilter::Tent(FilterRadius::Meters(0.3)),
         transition: CascadeTransition::Dither,
         caster_faces: CasterFaces::Back,
         depth: DepthDistribution::Linear,
@@ -77,9 +77,9 @@ fn every_field_and_variant_is_read() {
     }
     for bias in [
         "Automatic",
-        "Constant(metres: 0.1)",
+        "Constant(meters: 0.1)",
         "NormalOffset(texels: 1.5)",
-        "ReceiverPlane(metres: 0.0)",
+        "ReceiverPlane(meters: 0.0)",
     ] {
         parse(&format!("(bias: {bias})")).unwrap();
     }
@@ -170,12 +170,12 @@ const BAD: [(&str, usize, &[&str]); 41] = [
     ("(splits: Practical(lambda: NaN))", 1, &["`lambda` is NaN"]),
     ("(splits: Practical())", 1, &["lambda", "missing"]),
     (
-        "(bias: Constant(metres: -0.1))",
+        "(bias: Constant(meters: -0.1))",
         1,
-        &["`metres` is -0.1", "from 0"],
+        &["`meters` is -0.1", "from 0"],
     ),
     (
-        "(bias: SlopeScaled(factor: NaN, metres: 0.0))",
+        "(bias: SlopeScaled(factor: NaN, meters: 0.0))",
         1,
         &["`factor` is NaN"],
     ),
@@ -185,9 +185,9 @@ const BAD: [(&str, usize, &[&str]); 41] = [
         &["`Texels` is 0.5", "from 1 to 8"],
     ),
     (
-        "(filter: Temporal(Metres(0.0)))",
+        "(filter: Temporal(Meters(0.0)))",
         1,
-        &["`Metres` is 0", "above 0"],
+        &["`Meters` is 0", "above 0"],
     ),
     (
         "(filter: Soft(sun_degrees: 90.0))",

@@ -13,7 +13,7 @@ use bevy_pssm::{ShadowPlans, geometry::steady::PATIENCE, plan::CascadePlan, prel
 
 use crate::lights::{app, sun};
 
-/// A camera that looks along −z, a sun that fits maps, and perhaps a box of a metre.
+/// A camera that looks along −z, a sun that fits maps, and perhaps a box of a meter.
 struct Setting {
     app: App,
     view: Entity,
@@ -56,7 +56,7 @@ impl Setting {
         plans.views[&self.view].clone()
     }
 
-    /// Half the greatest extent of all maps (metres), and which there are.
+    /// Half the greatest extent of all maps (meters), and which there are.
     fn maps(&mut self) -> (f64, usize) {
         let plans = self.plans();
         let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
@@ -73,7 +73,7 @@ fn maps_are_fitted_to_what_is_seen() {
     let mut setting = Setting::new(());
     let (half, count) = setting.maps();
     assert!(count >= 1 && half < 2.0, "{half} {count}");
-    // Splits are spread over its metre; the last slice reaches on.
+    // Splits are spread over its meter; the last slice reaches on.
     let plans = setting.plans();
     let inner = |plans: &[CascadePlan]| [0, 1, 2].map(|index| plans[index].far);
     assert!(inner(&plans).iter().all(|far| (39.4..40.6).contains(far)));

@@ -160,7 +160,7 @@ proptest! {
     }
 
     #[test]
-    fn neighbouring_cascades_meet_without_a_gap(
+    fn neighboring_cascades_meet_without_a_gap(
         turn in any_turn(), blend in 0.0..0.5_f64, cascades in 2_u32..=4,
     ) {
         let config = ParallelSplitShadows { blend, cascades, ..config(1024) };

@@ -132,7 +132,7 @@ proptest! {
         let view = volume(&perspective(fov, aspect), Vec3::new(10.0, 20.0, 30.0), turn);
         let slice = view.slice(near, near + length).expect("not empty");
         for corner in slice.corners {
-            prop_assert!(corner.distance(slice.centre) <= slice.radius * (1.0 + 1e-6));
+            prop_assert!(corner.distance(slice.center) <= slice.radius * (1.0 + 1e-6));
         }
     }
 

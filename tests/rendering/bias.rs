@@ -373,7 +373,7 @@ fn overlays_show_what_the_cpu_works_out() {
             );
         }
         assert!(compared > 1000, "{case:?}: {compared}");
-        // Pixels at edges of triangles, and of cascades, may see the neighbour's.
+        // Pixels at edges of triangles, and of cascades, may see the neighbor's.
         assert!(
             off[0] * 100 < shares.len(),
             "{case:?}: {off:?} of {compared}"
@@ -400,11 +400,11 @@ fn biases_of_the_literature() {
         (DepthDistribution::Hyperbolic, CasterFaces::Back),
     ];
     let columns = [
-        ShadowBias::Constant { metres: 0.0 },
-        ShadowBias::Constant { metres: 0.1 },
+        ShadowBias::Constant { meters: 0.0 },
+        ShadowBias::Constant { meters: 0.1 },
         ShadowBias::SlopeScaled {
             factor: 2.0,
-            metres: 0.0,
+            meters: 0.0,
         },
     ];
     let found = rows.map(|(depth, caster_faces)| {
@@ -487,9 +487,9 @@ fn softness_does_not_jump_at_splits() {
         let jump = (found[1] / found[0] - 1.0).abs();
         assert!(jump <= 0.1, "at {plane} m from {found:?}");
     }
-    // In metres, the same in the midst of cascades of different texels.
-    let metres = ParallelSplitShadows {
-        filter: ShadowFilter::Tent(FilterRadius::Metres(0.5)),
+    // In meters, the same in the midst of cascades of different texels.
+    let meters = ParallelSplitShadows {
+        filter: ShadowFilter::Tent(FilterRadius::Meters(0.5)),
         ..config.clone()
     };
     let midst = [2, 3].map(|index| {
@@ -500,7 +500,7 @@ fn softness_does_not_jump_at_splits() {
         let found = widths(config.clone(), warp, windows);
         found[1] / found[0]
     };
-    let [even, uneven] = [&metres, &config].map(|config| ratio(config, 0.0, &midst));
+    let [even, uneven] = [&meters, &config].map(|config| ratio(config, 0.0, &midst));
     assert!((even - 1.0).abs() < 0.1, "{even}");
     assert!(uneven > 1.5, "{uneven}");
     // … and within one whose texels a warp makes ever larger and longer.
@@ -513,7 +513,7 @@ fn softness_does_not_jump_at_splits() {
         ..config
     };
     let [even, uneven] =
-        [coarse(metres), coarse(config)].map(|config| ratio(&config, 1.0, &within));
+        [coarse(meters), coarse(config)].map(|config| ratio(&config, 1.0, &within));
     assert!((even - 1.0).abs() < 0.15, "{even}");
     assert!(uneven > 1.2, "{uneven}");
 }

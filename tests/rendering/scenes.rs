@@ -202,7 +202,7 @@ fn culling_loses_nothing_in_mining_terrain() {
 }
 
 /// Bevy's best over the distances of each scene's preset, as `scripts/tradeoff` finds it: end of
-/// the first cascade (metres) and normal bias, with a depth bias of 0.05.
+/// the first cascade (meters) and normal bias, with a depth bias of 0.05.
 const TUNED: [(f32, f32); 4] = [(60.0, 1.2), (100.0, 1.2), (35.0, 1.5), (60.0, 1.2)];
 
 /// By rays, at equal cascades: fewer wrong pixels, fewer stains and less error than Bevy's own

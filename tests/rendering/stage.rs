@@ -140,7 +140,7 @@ impl Stage {
         panic!("it never became ready");
     }
 
-    /// A texture whose alpha is a coarse chequer.
+    /// A texture whose alpha is a coarse checker.
     pub fn checkered_mask(&mut self) -> Handle<Image> {
         let texels: Vec<u8> = (0..64_u32)
             .flat_map(|i| {

@@ -52,7 +52,7 @@ fn ground(at: Vec3) -> (Mesh, Transform) {
     (mesh, Transform::from_translation(at))
 }
 
-/// Looks straight down on a square of so many metres.
+/// Looks straight down on a square of so many meters.
 fn from_above(at: Vec3, side: f64, pixels: u32) -> Lens {
     let view_from_world = glam::dcamera::rh::view::look_to_mat4(
         at.as_dvec3() + DVec3::Y * 50.0,
@@ -69,7 +69,7 @@ fn from_above(at: Vec3, side: f64, pixels: u32) -> Lens {
     }
 }
 
-/// Area of the ground that is seen and in shadow (square metres), by whole pixels and by shares.
+/// Area of the ground that is seen and in shadow (square meters), by whole pixels and by shares.
 fn dark_area(tracer: &Tracer, lens: &Lens, side: f64, to_sun: DVec3) -> [f64; 2] {
     let samples = tracer.picture(lens, to_sun);
     let shares = tracer.shares(lens, to_sun, &samples, 4);
@@ -124,7 +124,7 @@ fn a_ball_over_a_plane_shades_an_ellipse() {
 
 #[test]
 fn shadows_reach_to_the_contact_and_no_surface_shades_itself() {
-    // A kilometre out; a box, and a ball whose facets all but face each other.
+    // A kilometer out; a box, and a ball whose facets all but face each other.
     let origin = Vec3::new(1000.0, 3.0, -1000.0);
     let block = Cuboid::new(2.0, 1.0, 2.0).mesh().build();
     let ball = Sphere::new(1.0).mesh().uv(64, 32);
@@ -137,13 +137,13 @@ fn shadows_reach_to_the_contact_and_no_surface_shades_itself() {
         ),
     ]));
     let to_sun = DVec3::new(1.0, 1.0, 0.0).normalize();
-    // Two centimetres along the wall on the side away from the sun, at 0.2 mm a pixel.
+    // Two centimeters along the wall on the side away from the sun, at 0.2 mm a pixel.
     let at = origin + Vec3::new(-1.01, 0.0, 0.0);
     let samples = tracer.picture(&from_above(at, 0.02, 100), to_sun);
     let ground = samples.iter().flatten().filter(|s| s.triangle < 2);
     let lit = ground.clone().filter(|s| s.lit).count();
     assert!(ground.count() > 4000, "the ground is in the picture");
-    // Vertices a kilometre out are rounded to 0.06 mm, and rays start a millimetre up.
+    // Vertices a kilometer out are rounded to 0.06 mm, and rays start a millimeter up.
     assert!(lit <= 100 * 6, "{lit} of 10,000 pixels are lit");
     // Nothing shades the sunny side of the ball.
     let over_ball = from_above(origin + Vec3::new(6.0, 0.0, 0.0), 2.0, 200);
@@ -604,7 +604,7 @@ fn predictions_bound_what_a_ground_plane_shows() {
             .iter()
             .map(|share| f64::from(share.unwrap_or(1.0)))
             .collect();
-        // Pixels whose neighbours are within the ramp too.
+        // Pixels whose neighbors are within the ramp too.
         let slopes = shares
             .windows(4)
             .filter(|ramp| ramp.iter().all(|share| (0.02..0.98).contains(share)));

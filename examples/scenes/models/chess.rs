@@ -154,7 +154,7 @@ fn rounded(profile: &[(f32, f32)]) -> Vec<(f32, f32)> {
         if here.distance(next) < 0.055 || next.x == 0.0 {
             continue;
         }
-        // A doubled neighbour is a corner: no tangent reaches across it.
+        // A doubled neighbor is a corner: no tangent reaches across it.
         let before = points[i.saturating_sub(1)];
         let after = points[(i + 2).min(points.len() - 1)];
         let steps = if here.distance(next) > 0.2 { 4 } else { 2 };

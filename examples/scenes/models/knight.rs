@@ -194,12 +194,12 @@ pub fn knight(style: Style) -> Model {
             1.3 * (across * width).powi(2),
         )
     });
-    for (half, centre) in [
+    for (half, center) in [
         (Vec2::new(0.014, 0.19), -0.07),
         (Vec2::new(0.085, 0.016), 0.02),
     ] {
         let band = sheet([8, 8], 0.012, STEEL, |u, v| {
-            let (x, y) = ((1.0 - 2.0 * u) * half.x, centre + (2.0 * v - 1.0) * half.y);
+            let (x, y) = ((1.0 - 2.0 * u) * half.x, center + (2.0 * v - 1.0) * half.y);
             Vec3::new(x, y, 1.3 * x * x - 0.004)
         });
         shield.add(&band, at(-0.04, -0.14, -0.17));

@@ -35,7 +35,7 @@ pub struct Part {
     pub turn: Turn,
 }
 
-/// What a body is made of: its gloss. Colours are in the mesh.
+/// What a body is made of: its gloss. Colors are in the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Finish {
     /// Earth, leaves, cloth.
@@ -64,7 +64,7 @@ pub enum Turn {
 pub struct Style {
     /// Segments of a round body.
     pub segments: u32,
-    /// Main and second colour (sRGB).
+    /// Main and second color (sRGB).
     pub colors: [[f32; 3]; 2],
     /// Chooses among variants.
     pub seed: u64,

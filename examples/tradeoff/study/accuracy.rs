@@ -5,7 +5,7 @@ use distance_transform::{BoolGrid, dt2d};
 
 use super::trace::{Lens, Sample};
 
-/// Farther from any edge of a true shadow than this (pixels), even a grey is wrong.
+/// Farther from any edge of a true shadow than this (pixels), even a gray is wrong.
 const EDGE_REACH: f64 = 2.0;
 /// … if it is off by more than this share of the sun's light.
 const STAIN: f32 = 0.1;
@@ -14,7 +14,7 @@ const STAIN: f32 = 0.1;
 pub struct Truth {
     /// The picture's geometry.
     pub lens: Lens,
-    /// By pixel, what its centre shows.
+    /// By pixel, what its center shows.
     pub samples: Vec<Option<Sample>>,
     /// By pixel, the share of the sun's light that arrives over its whole area.
     pub shares: Vec<Option<f32>>,
@@ -35,7 +35,7 @@ pub enum Fault {
     Stain,
 }
 
-/// Sums over pictures. A pixel counts if its centre faces the sun and the sun's light shows.
+/// Sums over pictures. A pixel counts if its center faces the sun and the sun's light shows.
 #[derive(Default, Clone)]
 pub struct Accuracy {
     facing: usize,
@@ -91,7 +91,7 @@ impl Truth {
         Some(self.to_boundary[pixel]).filter(|distance| *distance < diagonal)
     }
 
-    /// What is wrong with a pixel that gets a share of the sun's light; `None` if its centre
+    /// What is wrong with a pixel that gets a share of the sun's light; `None` if its center
     /// does not face the sun.
     pub fn fault(&self, pixel: usize, found: f32) -> Option<Fault> {
         let off = found - self.light(pixel)?;
@@ -123,7 +123,7 @@ impl Truth {
         self.to_boundary[pixel] > EDGE_REACH && self.light(pixel).is_some_and(off)
     }
 
-    /// Pixels on both sides of the edges of shadows: neighbours on one surface, both of which
+    /// Pixels on both sides of the edges of shadows: neighbors on one surface, both of which
     /// count, of which one is lit.
     fn edges(&self, found: &[Option<f32>], lit: impl Fn(usize) -> bool) -> Vec<usize> {
         let counts = |i: usize| {
@@ -184,7 +184,7 @@ impl Accuracy {
     }
 }
 
-/// All pairs of neighbouring pixels, by index.
+/// All pairs of neighboring pixels, by index.
 fn pairs_of(size: UVec2) -> impl Iterator<Item = [usize; 2]> {
     let [width, height] = size.to_array().map(|side| side as usize);
     (0..width * height).flat_map(move |i| {

@@ -33,7 +33,7 @@ pub struct Alternative {
 const BLURS: [f64; 3] = [1.0, 2.0, 4.0];
 /// Pixels.
 const WIDEST: f64 = 4.0;
-/// Metres.
+/// Meters.
 const BLUR_DISTANCE: f64 = 10.0;
 
 /// Radius of the tent that maps are prefiltered by: that of the default filter (texels).
@@ -129,20 +129,20 @@ impl Studio {
     }
 }
 
-/// Mixes neighbours on the same surface.
+/// Mixes neighbors on the same surface.
 fn blurred(truth: &Truth, shares: &[Option<f32>], at_distance: f64) -> Vec<Option<f32>> {
     let [width, height] = truth.size().to_array().map(|side| side as i64);
     let facing = |pixel: usize| truth.samples[pixel].filter(|sample| sample.faces_sun);
     let blur = |pixel: usize| {
-        let (share, centre) = (shares[pixel]?, facing(pixel));
-        let Some(centre) = centre else {
+        let (share, center) = (shares[pixel]?, facing(pixel));
+        let Some(center) = center else {
             return Some(share);
         };
         let depth = truth
             .lens
             .clip_from_world
             .row(3)
-            .dot(centre.point.extend(1.0));
+            .dot(center.point.extend(1.0));
         let deviation = (at_distance * BLUR_DISTANCE / depth).min(WIDEST);
         let reach = (2.0 * deviation).ceil() as i64;
         let (x, y) = (pixel as i64 % width, pixel as i64 / width);
@@ -153,7 +153,7 @@ fn blurred(truth: &Truth, shares: &[Option<f32>], at_distance: f64) -> Vec<Optio
                 let (Some(sample), Some(share)) = (facing(other), shares[other]) else {
                     continue;
                 };
-                if !truth.lens.same_surface(&centre, &sample) {
+                if !truth.lens.same_surface(&center, &sample) {
                     continue;
                 }
                 let squares = ((i - x).pow(2) + (j - y).pow(2)) as f64;

@@ -231,7 +231,7 @@ impl<'w> Scene<'w> {
     }
 }
 
-/// Ground that rolls by a metre every 25.
+/// Ground that rolls by a meter every 25.
 fn waves() -> Mesh {
     const CELLS: u32 = 160;
     const SIDE: f32 = 160.0;

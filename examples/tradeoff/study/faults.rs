@@ -77,7 +77,7 @@ impl Studio {
 
     /// The automatic bias towards the light that a pixel should have (texels), and the texels
     /// that it spans where they are fewest; `None` where two cascades are mixed, or the pixel and
-    /// its neighbours are not of one triangle.
+    /// its neighbors are not of one triangle.
     pub fn expected_lookup(&mut self, view: &View, pixel: usize) -> Option<[f64; 2]> {
         let maps = self.maps();
         let truth = &view.truth;
@@ -103,9 +103,9 @@ impl Studio {
             map.size,
         )?;
         let texel = derivatives.texel(map.size).max_element();
-        let per_metre = derivatives.z.dot(to_sun).abs();
-        let texels = [right, below].map(|neighbour| {
-            let step = neighbour.point - here.point;
+        let per_meter = derivatives.z.dot(to_sun).abs();
+        let texels = [right, below].map(|neighbor| {
+            let step = neighbor.point - here.point;
             0.5 * map.size * DVec2::new(derivatives.x.dot(step), derivatives.y.dot(step))
         });
         let jacobian = DMat2::from_cols(texels[0], texels[1]);
@@ -115,11 +115,11 @@ impl Studio {
             squares.determinant(),
         );
         let fewest = half_trace - (half_trace * half_trace - determinant).max(0.0).sqrt();
-        Some([bias.depth / per_metre / texel, fewest.max(0.0).sqrt()])
+        Some([bias.depth / per_meter / texel, fewest.max(0.0).sqrt()])
     }
 
     /// Width of the penumbra at the edge of [`Case::Slab`](super::cases::Case::Slab)'s shadow, mean over a range of view
-    /// depths (metres along the ground, 10 to 90 % or so).
+    /// depths (meters along the ground, 10 to 90 % or so).
     pub fn penumbra(&mut self, view: &View, shares: &[Option<f32>], depths: [f64; 2]) -> f64 {
         let width = self.size.x as usize;
         let mut widths = Vec::new();
@@ -156,7 +156,7 @@ impl Studio {
     }
 }
 
-/// Size of a texel across the light at a point (metres); near a cascade's end the next one's,
+/// Size of a texel across the light at a point (meters); near a cascade's end the next one's,
 /// which is mixed in there.
 fn texel_at(maps: &[Map], view: &View, point: DVec3) -> Option<f64> {
     let depth = depth_of(view, point);
@@ -171,7 +171,7 @@ fn texel_at(maps: &[Map], view: &View, point: DVec3) -> Option<f64> {
     Some(texel(&maps[index])?.max(next.and_then(texel).unwrap_or(0.0)))
 }
 
-/// Metres from the eye, along the view.
+/// Meters from the eye, along the view.
 fn depth_of(view: &View, point: DVec3) -> f64 {
     view.truth
         .lens

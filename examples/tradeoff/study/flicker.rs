@@ -31,7 +31,7 @@ pub enum Motion {
 
 /// Pixels that the camera's motions move the picture by.
 const STEP: f32 = 0.3;
-/// Distance at which a pan moves the picture by that (metres).
+/// Distance at which a pan moves the picture by that (meters).
 const PAN_DISTANCE: f32 = 10.0;
 /// The sun's turn per step (degrees).
 const SUN_STEP: f32 = 0.005;

@@ -1,6 +1,6 @@
 //! The triangles that the GPU draws, in world space: transforms, skinning, cull modes and alpha
 //! masks included. Not included: morph targets, texture transforms, samplers other than the
-//! default, vertex colours' alpha, and render layers.
+//! default, vertex colors' alpha, and render layers.
 
 use bevy::{
     light::{NotShadowCaster, NotShadowReceiver},
@@ -15,7 +15,7 @@ use bevy::{
 /// Everything there is to be hit by rays.
 #[derive(Default)]
 pub struct Geometry {
-    /// Corners in world space (metres), counter-clockwise seen from the front.
+    /// Corners in world space (meters), counter-clockwise seen from the front.
     pub triangles: Vec<[Vec3; 3]>,
     /// By triangle: index of its surface.
     pub surface_of: Vec<u32>,

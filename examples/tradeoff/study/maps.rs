@@ -22,7 +22,7 @@ pub struct Map {
     axes: [DVec3; 2],
     /// Texels.
     pub size: DVec2,
-    /// Depth at which it ends (metres).
+    /// Depth at which it ends (meters).
     pub far: f64,
     /// Worst over the cascade's slice, in texels across a pixel of a picture so many pixels high.
     predicted: Option<f64>,

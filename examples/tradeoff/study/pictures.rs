@@ -12,7 +12,7 @@ pub fn truth(truth: &Truth) -> RgbImage {
     paint(truth, |i| truth.shares[i].map(gray))
 }
 
-/// The truth, faded, with faults in colours: acne red, leaks blue, stains yellow.
+/// The truth, faded, with faults in colors: acne red, leaks blue, stains yellow.
 pub fn difference(truth: &Truth, shares: &[Option<f32>]) -> RgbImage {
     paint(truth, |i| {
         let color = match truth.fault(i, shares[i]?)? {

@@ -26,12 +26,12 @@ pub enum Technique {
 pub struct Stock {
     /// Texels per side of each of four maps.
     pub map_size: u32,
-    /// Where the first cascade is taken to begin, as for the plugin's (metres); Bevy's reaches to
+    /// Where the first cascade is taken to begin, as for the plugin's (meters); Bevy's reaches to
     /// the eye, as the plugin's does.
     pub near: f32,
-    /// Where the first cascade ends (metres).
+    /// Where the first cascade ends (meters).
     pub first_far: f32,
-    /// Where the last one ends (metres).
+    /// Where the last one ends (meters).
     pub far: f32,
     /// `DirectionalLight::shadow_depth_bias`.
     pub depth_bias: f32,
@@ -236,16 +236,16 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
     );
     settings.extend(
         [
-            ("constant bias", ShadowBias::Constant { metres: 0.2 }),
+            ("constant bias", ShadowBias::Constant { meters: 0.2 }),
             (
                 "slope-scaled bias",
                 ShadowBias::SlopeScaled {
                     factor: 4.0,
-                    metres: 0.02,
+                    meters: 0.02,
                 },
             ),
             ("normal offset", ShadowBias::NormalOffset { texels: 3.0 }),
-            ("receiver plane", ShadowBias::ReceiverPlane { metres: 0.05 }),
+            ("receiver plane", ShadowBias::ReceiverPlane { meters: 0.05 }),
         ]
         .map(|(name, bias)| stable(name, &|config| config.bias = bias)),
     );

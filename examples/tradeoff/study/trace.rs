@@ -1,10 +1,10 @@
 //! Shadows as they should be, by rays.
 //!
-//! A shadow ray must not hit the triangle it starts from, nor that triangle's neighbours across
+//! A shadow ray must not hit the triangle it starts from, nor that triangle's neighbors across
 //! a shared edge, yet must hit whatever stands on the surface. So: rays meet triangles in double
 //! precision, the own triangle is left out by its index, and the start is raised along the
 //! triangle's normal by a millionth of its coordinates, the size of the rounding of the
-//! vertices themselves (0.1 mm a hundred metres from the origin). Contact shadows lose no more
+//! vertices themselves (0.1 mm a hundred meters from the origin). Contact shadows lose no more
 //! than that.
 
 use bevy::{
@@ -48,17 +48,17 @@ impl Lens {
         }
     }
 
-    /// Width of a pixel at a point in world space (metres).
+    /// Width of a pixel at a point in world space (meters).
     pub fn pixel_size(&self, point: DVec3) -> f64 {
         let [y, w] = [1, 3].map(|row| self.clip_from_world.row(row));
         2.0 * w.dot(point.extend(1.0)) / (y.truncate().length() * f64::from(self.size.y))
     }
 
-    /// Whether two neighbouring samples lie on one surface: the second within two pixels' widths
+    /// Whether two neighboring samples lie on one surface: the second within two pixels' widths
     /// of the first one's plane.
-    pub fn same_surface(&self, centre: &Sample, other: &Sample) -> bool {
-        let off_plane = (other.point - centre.point).dot(centre.normal).abs();
-        off_plane < 2.0 * self.pixel_size(centre.point)
+    pub fn same_surface(&self, center: &Sample, other: &Sample) -> bool {
+        let off_plane = (other.point - center.point).dot(center.normal).abs();
+        off_plane < 2.0 * self.pixel_size(center.point)
     }
 
     /// Start and direction of the ray through a place in the picture (pixels).
@@ -74,7 +74,7 @@ impl Lens {
 /// What a ray through the picture found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Where (world space, metres).
+    /// Where (world space, meters).
     pub point: DVec3,
     /// Normal of the side that is seen.
     pub normal: DVec3,
@@ -105,7 +105,7 @@ impl Tracer {
         Self { geometry, bvh }
     }
 
-    /// What is seen at every pixel's centre, row by row, and whether the sun shines there.
+    /// What is seen at every pixel's center, row by row, and whether the sun shines there.
     /// `to_sun` is a unit vector in world space.
     pub fn picture(&self, lens: &Lens, to_sun: DVec3) -> Vec<Option<Sample>> {
         let [width, height] = lens.size.to_array().map(|side| side as usize);
@@ -121,30 +121,30 @@ impl Tracer {
     }
 
     /// The share of each pixel that the sun shines on, of what belongs to the surface at the
-    /// pixel's centre and faces the sun; by `n × n` rays wherever the centres of the pixels
-    /// around do not agree. `None` where the centre does not face the sun.
+    /// pixel's center and faces the sun; by `n × n` rays wherever the centers of the pixels
+    /// around do not agree. `None` where the center does not face the sun.
     pub fn shares(
         &self,
         lens: &Lens,
         to_sun: DVec3,
-        centres: &[Option<Sample>],
+        centers: &[Option<Sample>],
         n: u32,
     ) -> Vec<Option<f32>> {
         let [width, height] = lens.size.to_array().map(|side| side as usize);
         let world_from_clip = lens.clip_from_world.inverse();
         let kind = |x: usize, y: usize| {
-            centres[y * width + x].map(|sample| (sample.faces_sun, sample.lit))
+            centers[y * width + x].map(|sample| (sample.faces_sun, sample.lit))
         };
         let mut shares = vec![None; width * height];
         shares.par_chunk_map_mut(ComputeTaskPool::get(), width, |y, row| {
             for (x, share) in row.iter_mut().enumerate() {
-                let Some(centre) = centres[y * width + x].filter(|sample| sample.faces_sun) else {
+                let Some(center) = centers[y * width + x].filter(|sample| sample.faces_sun) else {
                     continue;
                 };
                 let around = |v: usize, end: usize| v.saturating_sub(1)..(v + 2).min(end);
                 let agree =
                     around(y, height).all(|j| around(x, width).all(|i| kind(i, j) == kind(x, y)));
-                *share = Some(f32::from(u8::from(centre.lit)));
+                *share = Some(f32::from(u8::from(center.lit)));
                 if agree {
                     continue;
                 }
@@ -156,7 +156,7 @@ impl Tracer {
                     let at = [place(x, step % n), place(y, step / n)];
                     let sample = self
                         .sample(lens, &world_from_clip, at, to_sun)
-                        .filter(|sample| sample.faces_sun && lens.same_surface(&centre, sample));
+                        .filter(|sample| sample.faces_sun && lens.same_surface(&center, sample));
                     if let Some(sample) = sample {
                         all += 1;
                         lit += u32::from(sample.lit);
@@ -211,9 +211,9 @@ impl Tracer {
     }
 
     /// How far above a point the caster nearest to the sun lies, on the line towards the sun
-    /// (metres); negative below it. `None` without any.
+    /// (meters); negative below it. `None` without any.
     pub fn caster_height(&self, point: DVec3, to_sun: DVec3) -> Option<f64> {
-        /// Higher than anything (metres).
+        /// Higher than anything (meters).
         const TOP: f64 = 5000.0;
         let casts = |triangle| self.geometry.surface(triangle).casts;
         let hit = self.first_of(point + TOP * to_sun, -to_sun, casts)?;

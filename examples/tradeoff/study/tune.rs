@@ -9,8 +9,8 @@ use super::{
 /// Size of the maps that are tuned (texels per side); what suits one size suits the others.
 pub const TUNED_SIZE: u32 = 2048;
 
-/// What is tried: ends of the first cascade (metres), normal biases (texels), depth biases
-/// (metres).
+/// What is tried: ends of the first cascade (meters), normal biases (texels), depth biases
+/// (meters).
 struct Choices {
     first_far: &'static [f32],
     normal_bias: &'static [f32],
@@ -42,7 +42,7 @@ pub fn attempts(quick: bool) -> usize {
 impl Studio {
     /// The first bound, the normal bias and the depth bias, one after the other, that leave the
     /// fewest wrong pixels at the views, among those that stain no more than Bevy's defaults: else
-    /// the least bias would win, with grey stripes all over that stay just under half the light.
+    /// the least bias would win, with gray stripes all over that stay just under half the light.
     /// `done` is called after each frame.
     pub fn tune(
         &mut self,

@@ -3,7 +3,7 @@
 use super::WarpFrame;
 
 impl WarpFrame {
-    /// The classical strength for what is seen between two depths (1/metres; Scherzer and Wimmer,
+    /// The classical strength for what is seen between two depths (1/meters; Scherzer and Wimmer,
     /// Eq. 1): equal errors along the warp at the near and the far end, if the light comes from the
     /// side. For other directions it can be many times worse than no warp at all. Expects
     /// `0 < near < far`.

@@ -4,7 +4,7 @@ use super::WarpFrame;
 
 impl WarpFrame {
     /// The strength for `eta` from −1, no warp, over 0, light-space perspective, to 1, perspective
-    /// shadow maps (1/metres; Lloyd et al. 2006, Eq. 11). The greatest error along the warp, for light
+    /// shadow maps (1/meters; Lloyd et al. 2006, Eq. 11). The greatest error along the warp, for light
     /// from the side, is linear in the size of `eta`. As the paper has it for that light only, it
     /// is taken times the sine of the angle to the light, as in Scherzer and Wimmer, Eq. 1. Expects
     /// `0 < near < far`.

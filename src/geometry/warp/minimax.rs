@@ -3,19 +3,19 @@
 use super::{BodyVertex, WarpFrame};
 
 /// Storage that a warp may cost, over that of no warp. A little more than 1, so that where one
-/// strength after another is equally good none is far from its neighbours.
+/// strength after another is equally good none is far from its neighbors.
 const MOST_STORAGE: f64 = 1.01;
 
 /// A vertex as the warp sees it.
 struct Seen {
-    /// Across the warp and along it from the nearest line (metres).
+    /// Across the warp and along it from the nearest line (meters).
     u: f64,
     q: f64,
     image_height: f64,
 }
 
 impl WarpFrame {
-    /// The strength with the least worst error along the warp (1/metres): that of Lloyd et al.
+    /// The strength with the least worst error along the warp (1/meters): that of Lloyd et al.
     /// 2006 for a light from above, zero for one from behind, and continuous in between.
     ///
     /// Along the warp the error is never worse than without one. Across it, it can be: the

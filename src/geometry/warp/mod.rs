@@ -2,7 +2,7 @@
 //!
 //! A warp divides by a distance *across* the light (light-space perspective shadow maps, Wimmer
 //! et al. 2004): rays of light stay parallel and keep their order of depth. Everything is in
-//! terms of the strength `1/n'` instead of the distance `n'` from the centre of projection to
+//! terms of the strength `1/n'` instead of the distance `n'` from the center of projection to
 //! the body, so that no warp is the value zero and not a limit.
 
 mod lispsm;
@@ -26,7 +26,7 @@ use crate::config::{MapWarp, WarpAxis};
 pub struct BodyVertex {
     /// Where it is, in world space.
     pub position: DVec3,
-    /// Height that the image has at its depth (metres).
+    /// Height that the image has at its depth (meters).
     pub image_height: f64,
 }
 
@@ -53,7 +53,7 @@ pub fn slice_vertices(slice: &Slice) -> [BodyVertex; 8] {
 /// It turns with the camera, so warped maps cannot be snapped to texels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WarpFrame {
-    /// The origin, in world space. The centre of projection has its lateral coordinate.
+    /// The origin, in world space. The center of projection has its lateral coordinate.
     pub eye: DVec3,
     /// Direction of the map's `u` axis, in world space.
     pub x: DVec3,
@@ -69,7 +69,7 @@ pub struct WarpFrame {
 /// Sines of angles between light and view below this count as zero.
 const PARALLEL: f64 = 1e-6;
 
-/// No map is thinner than this (metres): an extent is never divided by raw.
+/// No map is thinner than this (meters): an extent is never divided by raw.
 const MIN_EXTENT: f64 = 1e-6;
 
 impl WarpFrame {
@@ -102,7 +102,7 @@ impl WarpFrame {
     /// The map over a body: from world space to clip space, NDC x and y in [−1, 1] over the
     /// body, z in [0, 1] over it, greater towards the light (reverse z).
     ///
-    /// The centre of projection lies `1 / strength` metres behind the body's nearest line, so
+    /// The center of projection lies `1 / strength` meters behind the body's nearest line, so
     /// `w >= 1` wherever light can reach the body, and 1 everywhere for strength zero: exactly
     /// the orthographic map. Casters behind the nearest line throw no shadow on the body.
     ///
@@ -161,7 +161,7 @@ impl WarpFrame {
     }
 
     /// That map with a guard around the body for what lookups reach beyond it, and the size of a
-    /// texel where it is largest (metres).
+    /// texel where it is largest (meters).
     pub fn guarded_map(
         &self,
         body: &[BodyVertex],
@@ -197,7 +197,7 @@ impl WarpFrame {
         DMat4::from_mat3_translation(axes, self.eye)
     }
 
-    /// Where the body begins and ends along the warp (metres from the eye).
+    /// Where the body begins and ends along the warp (meters from the eye).
     pub(super) fn lines(&self, body: &[BodyVertex]) -> (f64, f64) {
         extremes(body.iter().map(|vertex| self.along(vertex)))
     }
@@ -220,7 +220,7 @@ pub fn away(axis: WarpAxis, view: &ViewVolume, seen: &ConvexBody) -> Option<DVec
     }
 }
 
-/// The frame and the strength (1/metres) of a warp along a direction, over what is seen of a body.
+/// The frame and the strength (1/meters) of a warp along a direction, over what is seen of a body.
 /// `None` if light or camera have no direction.
 pub fn lay(
     warp: MapWarp,

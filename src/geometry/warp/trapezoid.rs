@@ -8,7 +8,7 @@ use crate::geometry::slice::ViewVolume;
 const LINE: f64 = 0.8;
 
 impl WarpFrame {
-    /// The strength that maps what lies nearer than a focus to four fifths of the map (1/metres). The
+    /// The strength that maps what lies nearer than a focus to four fifths of the map (1/meters). The
     /// focus lies on the view's axis, at the share `focus` of the depths from `near` to `far`; from
     /// 0.8 on there is no warp. No stronger than perspective shadow maps
     /// ([`WarpFrame::lloyd_strength`] of 1). Expects `0 < near < far`.
