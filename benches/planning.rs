@@ -12,9 +12,11 @@ use bevy::{
     prelude::*,
 };
 use bevy_pssm::{
-    CascadeFit, MapWarp, ParallelSplitShadows, Preference,
-    geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
-    plan::{PlanHistory, PlanInputs, plan_cascades},
+    CascadeFit, MapWarp, ParallelSplitShadows,
+    geometry::{
+        light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume,
+    },
+    plan::{PlanHistory, PlanInputs, lookup_reach, plan_cascades},
     systems::plan_shadows,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -31,12 +33,15 @@ fn planning(criterion: &mut Criterion) {
     )
     .expect("a sound camera");
     let light = LightFrame::new(DVec3::new(0.3, 0.7, 0.4)).expect("a direction");
-    let reach = ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
-    let mut receivers = Receivers::new(&view);
-    receivers.add(
-        DVec3::new(500.0, 0.0, -800.0),
-        &DMat3::from_diagonal(DVec3::new(800.0, 12.0, 800.0)),
+    let reach = lookup_reach(
+        &ParallelSplitShadows::default(),
+        &DirectionalLight::default(),
     );
+    let mut receivers = Receivers::new(&view);
+    receivers.add(&OrientedBox {
+        center: DVec3::new(500.0, 0.0, -800.0),
+        half_axes: DMat3::from_diagonal(DVec3::new(800.0, 12.0, 800.0)),
+    });
     let plan = |config: &ParallelSplitShadows, history: &mut PlanHistory| {
         let inputs = PlanInputs {
             view: black_box(&view),
@@ -53,12 +58,7 @@ fn planning(criterion: &mut Criterion) {
         ("tight", CascadeFit::Tight),
         ("warped", CascadeFit::Warped(MapWarp::Minimax)),
         ("faces", CascadeFit::Faces),
-        (
-            "auto",
-            CascadeFit::Auto {
-                prefer: Preference::Sharpness,
-            },
-        ),
+        ("auto", CascadeFit::Auto { sharpness: 1.0 }),
     ] {
         let config = ParallelSplitShadows {
             fit,
@@ -74,11 +74,13 @@ fn planning(criterion: &mut Criterion) {
         &ParallelSplitShadows::default(),
         &mut PlanHistory::default(),
     );
-    let boxes: Vec<(DVec3, DMat3)> = (0..CASTERS)
+    let boxes: Vec<OrientedBox> = (0..CASTERS)
         .map(|i| {
             let (row, column) = (i / 100, i % 100);
-            let place = DVec3::new(10.0 * column as f64, 2.0, -10.0 * row as f64);
-            (place, DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.5)))
+            OrientedBox {
+                center: DVec3::new(10.0 * column as f64, 2.0, -10.0 * row as f64),
+                half_axes: DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.5)),
+            }
         })
         .collect();
     criterion.bench_function(
@@ -88,9 +90,7 @@ fn planning(criterion: &mut Criterion) {
                 plan.iter()
                     .filter_map(|cascade| cascade.map.as_ref())
                     .map(|map| {
-                        let meets = |(center, axes): &&(DVec3, DMat3)| {
-                            map.hull.intersects_box(*center, axes)
-                        };
+                        let meets = |it: &&OrientedBox| map.hull.intersects_box(it);
                         black_box(&boxes).iter().filter(meets).count()
                     })
                     .sum::<usize>()

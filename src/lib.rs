@@ -29,8 +29,7 @@
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
-//! - [`ShaderParts`] are the parts of the shader that are compiled in: what settings have asked
-//!   for so far.
+//! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
 //! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
 //!
 //! # Limits
@@ -45,18 +44,23 @@ pub mod config;
 pub mod debug;
 pub mod geometry;
 pub mod plan;
+#[doc(hidden)]
 pub mod render;
+#[doc(hidden)]
 pub mod shaders;
+#[doc(hidden)]
+pub mod support;
+#[doc(hidden)]
 pub mod systems;
 
 pub use config::{
-    CascadeFit, CascadeTransition, CasterCulling, CasterFaces, ConfigError, DepthDistribution,
-    FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, Preference, ShadowBias,
+    CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, ConfigError,
+    DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, ShadowBias,
     ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
 };
 pub use debug::ShadowOverlay;
 pub use render::PssmRenderSystems;
-pub use shaders::ShaderParts;
+pub use shaders::ShaderFeatures;
 pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
 
 use bevy::{
@@ -68,8 +72,8 @@ use bevy::{
 pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
-        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, DepthDistribution, FilterRadius,
-        MapFit, MapSize, MapWarp, ParallelSplitShadows, Preference, PssmPlugin, ShaderParts,
+        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, DepthDistribution,
+        FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, PssmPlugin, ShaderFeatures,
         ShadowBias, ShadowFilter, ShadowFocus, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
     };
 }
@@ -82,18 +86,18 @@ pub struct PssmPlugin;
 
 impl Plugin for PssmPlugin {
     fn build(&self, app: &mut App) {
-        let max_map_size = config::MaxMapSize::default();
-        app.init_resource::<render::GpuSupport>()
+        let support = support::ShadowSupport::default();
+        let loader = config::ShadowPresetLoader::new(support.max_map_size().clone());
+        app.insert_resource(support)
             .init_resource::<ShadowOverlay>()
-            .init_resource::<ShaderParts>()
+            .init_resource::<ShaderFeatures>()
             .register_type::<ParallelSplitShadows>()
             .register_type::<ShadowPreset>()
             .register_type::<ShadowOverlay>()
-            .register_type::<ShaderParts>()
+            .register_type::<ShaderFeatures>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
-            .register_asset_loader(config::ShadowPresetLoader::new(max_map_size.clone()))
-            .insert_resource(max_map_size);
+            .register_asset_loader(loader);
         systems::build(app);
         render::build(app);
     }

@@ -29,6 +29,10 @@ pub struct SceneStage {
     ground: Ground,
 }
 
+/// The plugin's settings while Bevy's own shadows are shown.
+#[derive(Component)]
+struct KeptShadows(ParallelSplitShadows);
+
 impl SceneStage {
     /// Loads a scene. `setup` adds further plugins; `camera` goes to the camera.
     ///
@@ -134,7 +138,14 @@ impl SceneStage {
     /// Chooses between the plugin's shadows and Bevy's own, with maps of `stock_size` texels
     /// per side.
     pub fn use_plugin(&mut self, ours: bool, stock_size: usize) {
-        self.configure(|shadows| shadows.enabled = ours);
+        let sun = self.sun;
+        let mut sun = self.world().entity_mut(sun);
+        if ours {
+            let kept = sun.take::<KeptShadows>();
+            sun.insert_if_new(kept.map(|kept| kept.0).unwrap_or_default());
+        } else if let Some(shadows) = sun.take::<ParallelSplitShadows>() {
+            sun.insert(KeptShadows(shadows));
+        }
         self.world()
             .insert_resource(DirectionalLightShadowMap { size: stock_size });
     }

@@ -90,13 +90,15 @@ fn open(
 }
 
 fn press_keys(
+    mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
     assets: Res<AssetServer>,
     mut show: ResMut<Show>,
     mut current: ResMut<CurrentScene>,
     mut overlay: ResMut<ShadowOverlay>,
     mut moving: ResMut<MovingSun>,
-    mut suns: Query<&mut ParallelSplitShadows, With<SceneSun>>,
+    mut suns: Query<(Entity, Option<&mut ParallelSplitShadows>), With<SceneSun>>,
+    mut kept: Local<Option<ParallelSplitShadows>>,
     mut cameras: Query<&mut ShadowFilteringMethod>,
     mut exit: MessageWriter<AppExit>,
 ) {
@@ -139,11 +141,17 @@ fn press_keys(
         filter.set_if_neq(show.filter);
     }
     let fit = keys.just_pressed(KeyCode::KeyI);
-    for mut shadows in &mut suns {
-        if shadows.enabled != show.ours {
-            shadows.enabled = show.ours;
-        }
-        if fit {
+    for (sun, shadows) in &mut suns {
+        let Some(mut shadows) = shadows else {
+            if show.ours {
+                commands.entity(sun).insert(kept.take().unwrap_or_default());
+            }
+            continue;
+        };
+        if !show.ours {
+            *kept = Some(shadows.clone());
+            commands.entity(sun).remove::<ParallelSplitShadows>();
+        } else if fit {
             shadows.fit = match &shadows.fit {
                 CascadeFit::Stable => CascadeFit::Tight,
                 CascadeFit::Tight => CascadeFit::Warped(MapWarp::Minimax),

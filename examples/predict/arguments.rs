@@ -4,8 +4,7 @@ use core::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use bevy_pssm::{
-    ParallelSplitShadows, SplitScheme,
-    geometry::{slice::ViewVolume, split::split_planes},
+    ParallelSplitShadows, SplitScheme, geometry::slice::ViewVolume, plan::split_planes,
 };
 use clap::{Parser, value_parser};
 use glam::{DMat3, DVec2, DVec3};
@@ -189,8 +188,8 @@ impl Arguments {
         // The plugin's own check stops at four cascades, and only these planes depend on them.
         let SplitScheme::Manual(planes) = &self.splits else {
             let config = ParallelSplitShadows {
-                near: self.near,
-                far: self.far,
+                near: self.near as f32,
+                far: self.far as f32,
                 splits: self.splits.clone(),
                 ..Default::default()
             };
@@ -203,6 +202,7 @@ impl Arguments {
                 self.cascades
             ));
         }
+        let planes: Vec<f64> = planes.iter().copied().map(f64::from).collect();
         let all = [&[self.near], planes.as_slice(), &[self.far]].concat();
         if all.is_sorted_by(|a, b| a < b) {
             return Ok(());

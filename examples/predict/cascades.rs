@@ -7,9 +7,10 @@ use bevy_pssm::{
         aliasing::Aliasing,
         fit,
         light_frame::LightFrame,
-        slice::{Slice, ViewVolume},
-        warp::{BodyVertex, WarpFrame, slice_vertices},
+        slice::{BodyVertex, Slice, ViewVolume},
+        warp::WarpFrame,
     },
+    plan::lookup_reach,
 };
 use glam::{DMat4, DVec2, DVec3, UVec2};
 use serde::Serialize;
@@ -91,13 +92,13 @@ impl Setup {
                 let map = maps[index].as_ref();
                 let worst = slice.and_then(|slice| {
                     let map = map?;
-                    Aliasing::over(&map.clip_from_world, map.axes, &slice_vertices(slice))
+                    Aliasing::over(&map.clip_from_world, map.axes, &slice.vertices())
                 });
                 let pixels = worst.map(|w| {
                     w.pixels_per_texel(DVec2::splat(f64::from(self.map_size)), self.image_height)
                 });
                 let seam = slice.filter(|_| index > 0).and_then(|slice| {
-                    let [a, b, c, d, ..] = slice_vertices(slice);
+                    let [a, b, c, d, ..] = slice.vertices();
                     seam(maps[index - 1].as_ref()?, map?, [a, b, c, d])
                 });
                 Cascade {
@@ -120,7 +121,7 @@ impl Setup {
         match self.fit {
             Fit::Body(warp) => {
                 let frame = WarpFrame::of_view(&self.view, self.to_light)?;
-                let body = slice_vertices(slice);
+                let body = slice.vertices();
                 let strength = match warp {
                     Warp::None => 0.0,
                     Warp::Lispsm => frame.lispsm_strength(near, far),
@@ -133,8 +134,10 @@ impl Setup {
             }
             Fit::Stable => {
                 let light = LightFrame::new(self.to_light)?;
-                let reach =
-                    ParallelSplitShadows::default().lookup_reach(&DirectionalLight::default());
+                let reach = lookup_reach(
+                    &ParallelSplitShadows::default(),
+                    &DirectionalLight::default(),
+                );
                 let map = fit::stable(slice, &light, UVec2::splat(self.map_size), reach);
                 Some(Map {
                     clip_from_world: map.clip_from_world(&light),

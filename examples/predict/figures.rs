@@ -12,9 +12,9 @@ use bevy_pssm::{
     geometry::{
         face,
         slice::{Slice, ViewVolume},
-        split::split_planes,
-        warp::{WarpFrame, slice_vertices},
+        warp::WarpFrame,
     },
+    plan::split_planes,
 };
 use glam::{DMat3, DVec2, DVec3};
 use serde::Serialize;
@@ -200,7 +200,7 @@ fn point(light: Light, scheme: Scheme, partitions: u32) -> Option<Point> {
 fn of_slices(view: &ViewVolume, slices: &[Slice], to_light: DVec3, scheme: Scheme) -> Option<f64> {
     let frame = WarpFrame::of_view(view, to_light)?;
     let of_slice = |slice: &Slice| {
-        let body = slice_vertices(slice);
+        let body = slice.vertices();
         let depth = |corner: usize| view.depth_of(slice.corners[corner]);
         let strength = match scheme {
             Scheme::DepthWarped => frame.guarded_minimax_strength(&body),

@@ -17,7 +17,7 @@ use crate::study::{
 /// Texels per side of all maps.
 const MAP_SIZE: u32 = 1024;
 /// Where shadows end (meters).
-const FAR: f64 = 150.0;
+const FAR: f32 = 150.0;
 
 /// Bevy's filters, and how far they read (texels).
 const FILTERS: [(ShadowFilteringMethod, f64); 3] = [
@@ -46,10 +46,9 @@ fn stock() -> Stock {
 /// The same cascades for the plugin.
 fn config() -> ParallelSplitShadows {
     let bounds = stock().cascades().bounds;
-    let inner = bounds.iter().take(3).map(|bound| f64::from(*bound));
     ParallelSplitShadows {
         far: FAR,
-        splits: SplitScheme::Manual(inner.collect()),
+        splits: SplitScheme::Manual(bounds[..3].to_vec()),
         map_size: MapSize::Same(MAP_SIZE),
         ..default()
     }
@@ -196,7 +195,7 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
         ),
         (
             "normal offset",
-            with(&|config| config.bias = ShadowBias::NormalOffset { texels: 3.0 }),
+            with(&|config| config.comparison.bias = ShadowBias::NormalOffset { texels: 3.0 }),
         ),
         ("tight", with(&|config| config.fit = CascadeFit::Tight)),
         (

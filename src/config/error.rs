@@ -39,11 +39,11 @@ pub enum ConfigError {
         /// Position in the list, from 0.
         index: usize,
         /// The value found.
-        value: f64,
+        value: f32,
         /// The lower bound, exclusive.
-        above: f64,
+        above: f32,
         /// The upper bound, exclusive.
-        below: f64,
+        below: f32,
     },
 }
 
@@ -82,8 +82,8 @@ impl ConfigError {
     }
 
     /// Farther than the Earth's diameter is a mistake, and would overflow no sooner.
-    pub(super) fn check_positive(field: &'static str, value: f64) -> Result<(), Self> {
-        const FARTHEST: f64 = 1e7;
+    pub(super) fn check_positive(field: &'static str, value: f32) -> Result<(), Self> {
+        const FARTHEST: f32 = 1e7;
         if value > 0.0 && value <= FARTHEST {
             return Ok(());
         }

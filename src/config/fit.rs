@@ -21,7 +21,7 @@ pub enum CascadeFit {
     /// sharpest, and edges crawl while the camera moves.
     Warped(MapWarp),
     /// One for each cascade, from the nearest on: stable near and warped far, or the reverse.
-    List(Vec<MapFit>),
+    PerCascade(Vec<MapFit>),
     /// A map of its own for every face of the view that light enters or leaves it by, warped from
     /// edge to edge (Lloyd et al. 2006, 5.1): for light along the view, where no other warp gains
     /// anything. One to four faces share four maps, and slices get what is left, as few as they
@@ -31,34 +31,12 @@ pub enum CascadeFit {
     /// Chosen for each cascade from what a fit is predicted to gain, and no more cascades than gain
     /// anything. Choices are held until another is clearly better.
     Auto {
-        /// What sharpness is worth.
-        prefer: Preference,
+        /// How much sharpness is worth (0 to 1). 0: all maps stable. 1: what is sharpest, by however
+        /// little. At 0.5 a warped map must have twice the texels across a pixel that a stable one
+        /// has, a tight one 1.4 times; at 0.25 four times, and twice.
+        #[reflect(@0.0..=1.0_f32)]
+        sharpness: f32,
     },
-}
-
-/// What [`CascadeFit::Auto`] prefers.
-#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
-#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Preference {
-    /// All maps stable, as with [`CascadeFit::Stable`].
-    Stability,
-    /// What is sharpest, by however little.
-    #[default]
-    Sharpness,
-    /// Between the two (0 to 1): at 0.5 a warped map must have twice the texels across a pixel that a
-    /// stable one has, a tight one 1.4 times; at 0.25 four times, and twice.
-    Between(f64),
-}
-
-impl Preference {
-    /// From 0, stability, to 1, sharpness.
-    pub fn share(self) -> f64 {
-        match self {
-            Self::Stability => 0.0,
-            Self::Sharpness => 1.0,
-            Self::Between(share) => share,
-        }
-    }
 }
 
 /// How one map is laid over its slice.
@@ -89,42 +67,18 @@ pub enum MapWarp {
     /// The family of Lloyd et al. 2006 (Eq. 11).
     Lloyd {
         /// From −1, no warp, over 0, as [`MapWarp::Lispsm`], to 1, perspective shadow maps.
-        eta: f64,
+        #[reflect(@-1.0..=1.0_f32)]
+        eta: f32,
     },
     /// Trapezoidal shadow maps: four fifths of the map for what lies nearer than the focus.
     Trapezoid {
         /// Where the focus lies between the near and the far end (share of depth, above 0 to 0.8,
         /// which is no warp).
-        focus: f64,
+        #[reflect(@0.0..=0.8_f32)]
+        focus: f32,
     },
     /// So much of the strength of perspective shadow maps (share, 0 to 1).
-    Strength(f64),
-}
-
-/// Along what maps are warped.
-#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
-#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum WarpAxis {
-    /// The view's direction (Wimmer et al. 2004).
-    #[default]
-    View,
-    /// The direction to the middle of what can receive shadows (Scherzer and Wimmer's middle
-    /// vector, to the center of mass instead of the mean of the corners, which jumps).
-    Middle,
-}
-
-/// What of a slice fitted maps are laid over.
-#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
-#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum ShadowFocus {
-    /// What lies in the bounds of the meshes (`Mesh3d`) that the camera sees in the slice; and splits are
-    /// spread over the depths at which there are any, unless a map is stable. Meshes without
-    /// bounds and volumetric fog count as being everywhere. Bounds that are too small cut shadows
-    /// off, as they cut off the meshes themselves.
-    #[default]
-    Receivers,
-    /// All of it: for receivers that are no meshes, and for measuring.
-    Off,
+    Strength(#[reflect(@0.0..=1.0_f32)] f32),
 }
 
 impl CascadeFit {
@@ -140,8 +94,8 @@ impl CascadeFit {
             Self::Tight => ([MapFit::Tight; 3], 1),
             Self::Faces => ([MapFit::Warped(MapWarp::Minimax); 3], 1),
             Self::Warped(warp) => ([MapFit::Warped(*warp); 3], 1),
-            Self::List(fits) => ([fits.get(index).copied().unwrap_or_default(); 3], 1),
-            Self::Auto { prefer } if prefer.share() <= 0.0 => (CHOICE, 1),
+            Self::PerCascade(fits) => ([fits.get(index).copied().unwrap_or_default(); 3], 1),
+            Self::Auto { sharpness } if *sharpness <= 0.0 => (CHOICE, 1),
             Self::Auto { .. } => (CHOICE, 3),
         };
         fits.into_iter().take(count)
@@ -151,8 +105,8 @@ impl CascadeFit {
     pub(crate) fn unwarped(&self) -> Self {
         match self {
             Self::Warped(_) | Self::Faces => Self::Tight,
-            Self::Auto { prefer } if prefer.share() > 0.0 => Self::Tight,
-            Self::List(fits) => Self::List(
+            Self::Auto { sharpness } if *sharpness > 0.0 => Self::Tight,
+            Self::PerCascade(fits) => Self::PerCascade(
                 fits.iter()
                     .map(|fit| match fit {
                         MapFit::Warped(_) => MapFit::Tight,
@@ -166,13 +120,13 @@ impl CascadeFit {
 
     /// Whether there is a choice.
     pub(crate) fn chooses(&self) -> bool {
-        matches!(self, Self::Auto { prefer } if prefer.share() > 0.0)
+        matches!(self, Self::Auto { sharpness } if *sharpness > 0.0)
     }
 
     /// Whether a map may be laid as a predicate says.
     pub(crate) fn any(&self, predicate: impl FnMut(MapFit) -> bool) -> bool {
         let count = match self {
-            Self::List(fits) => fits.len(),
+            Self::PerCascade(fits) => fits.len(),
             _ => 1,
         };
         (0..count)
@@ -181,7 +135,7 @@ impl CascadeFit {
     }
 
     pub(super) fn validate(&self, cascades: u32, splits: &SplitScheme) -> Result<(), ConfigError> {
-        if let Self::List(fits) = self
+        if let Self::PerCascade(fits) = self
             && fits.len() != cascades as usize
         {
             return Err(ConfigError::WrongCount {
@@ -205,8 +159,8 @@ impl CascadeFit {
                 "another scheme with `fit: Faces`, which has fewer slices than cascades",
             ));
         }
-        if let Self::Auto { prefer } = self {
-            ConfigError::check_range("Between", prefer.share(), 0.0..=1.0)?;
+        if let Self::Auto { sharpness } = self {
+            ConfigError::check_range("sharpness", *sharpness, 0.0..=1.0)?;
         }
         (0..cascades as usize)
             .flat_map(|index| self.of_cascade(index))

@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use bevy::{
     asset::{AssetLoader, AssetPath, Handle, LoadContext, io::Reader},
-    ecs::{component::Component, reflect::ReflectComponent, resource::Resource},
+    ecs::{component::Component, reflect::ReflectComponent},
     log::error,
     platform::{
         collections::HashMap,
@@ -14,7 +14,6 @@ use bevy::{
 };
 
 use super::{ConfigError, ParallelSplitShadows};
-use crate::systems::AppliedPreset;
 
 /// Gives a light the [`ParallelSplitShadows`] of a RON preset, and keeps it up to date when the
 /// file changes. Until then, changes to the light's own component stay. Removing this component
@@ -32,7 +31,6 @@ use crate::systems::AppliedPreset;
 /// ```
 #[derive(Component, Reflect, Debug, Clone, PartialEq, Eq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
-#[require(AppliedPreset)]
 pub struct ShadowPreset(pub Handle<ParallelSplitShadows>);
 
 /// Why a preset could not be loaded.
@@ -68,44 +66,24 @@ pub enum ShadowPresetError {
 /// last good configuration. A file that never was good fails to load.
 #[derive(TypePath, Debug)]
 pub struct ShadowPresetLoader {
-    max_map_size: MaxMapSize,
-    known: Mutex<HashMap<AssetPath<'static>, Known>>,
+    /// What the GPU allows: known once there is a device.
+    max_map_size: Arc<AtomicU32>,
+    files: Mutex<HashMap<AssetPath<'static>, Known>>,
 }
 
 /// What the loader remembers of a file.
 #[derive(Debug)]
 struct Known {
     last_good: ParallelSplitShadows,
-    /// The mistake told last, if the file has not been good since.
-    told: Option<String>,
-}
-
-/// The GPU's limit, unknown until there is a device; shared with the loader.
-#[derive(Resource, Debug, Clone)]
-pub(crate) struct MaxMapSize(Arc<AtomicU32>);
-
-impl Default for MaxMapSize {
-    fn default() -> Self {
-        // What every desktop GPU of the last decade allows.
-        Self(Arc::new(AtomicU32::new(16384)))
-    }
-}
-
-impl MaxMapSize {
-    pub(crate) fn get(&self) -> u32 {
-        self.0.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn set(&self, size: u32) {
-        self.0.store(size, Ordering::Relaxed);
-    }
+    /// The mistake reported last, if the file has not been good since.
+    warned: Option<String>,
 }
 
 impl ShadowPresetLoader {
-    pub(crate) fn new(max_map_size: MaxMapSize) -> Self {
+    pub(crate) fn new(max_map_size: Arc<AtomicU32>) -> Self {
         Self {
             max_map_size,
-            known: Mutex::default(),
+            files: Mutex::default(),
         }
     }
 
@@ -118,7 +96,7 @@ impl ShadowPresetLoader {
         reader.read_to_end(&mut bytes).await?;
         let text = String::from_utf8(bytes)
             .map_err(|error| std::io::Error::new(std::io::ErrorKind::InvalidData, error))?;
-        Self::parse(&text, path, self.max_map_size.get())
+        Self::parse(&text, path, self.max_map_size.load(Ordering::Relaxed))
     }
 
     /// Reads a configuration from the text of a preset.
@@ -159,7 +137,7 @@ impl AssetLoader for ShadowPresetLoader {
     ) -> Result<ParallelSplitShadows, ShadowPresetError> {
         let path = load_context.path().clone_owned();
         let read = self.read(reader, &path).await;
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut known = self.files.lock().unwrap_or_else(PoisonError::into_inner);
         match (read, known.get_mut(&path)) {
             (Ok(config), _) => {
                 let last_good = config.clone();
@@ -167,18 +145,18 @@ impl AssetLoader for ShadowPresetLoader {
                     path,
                     Known {
                         last_good,
-                        told: None,
+                        warned: None,
                     },
                 );
                 Ok(config)
             }
             (Err(error), None) => Err(error),
-            // Were this an error, Bevy would try once more and tell it twice.
+            // Were this an error, Bevy would try once more and report it twice.
             (Err(error), Some(known)) => {
                 let message = error.to_string();
-                if known.told.as_ref() != Some(&message) {
+                if known.warned.as_ref() != Some(&message) {
                     error!("Keeping the last good version of a shadow preset: {message}");
-                    known.told = Some(message);
+                    known.warned = Some(message);
                 }
                 Ok(known.last_good.clone())
             }

@@ -6,7 +6,7 @@
 
 use glam::{DMat4, DVec2, DVec3};
 
-use super::warp::BodyVertex;
+use super::slice::BodyVertex;
 
 /// Aliasing along a map's two axes for maps and images of *one* texel and pixel: a map of
 /// `res_s × res_t` texels, seen in an image of `res` pixels a side, has `x · res / res_s` and

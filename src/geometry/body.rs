@@ -2,16 +2,10 @@
 
 use glam::DVec3;
 
-use super::slice::Slice;
-
-/// A half-space `normal · p <= distance` with an outward unit normal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HalfSpace {
-    /// Outward unit normal, in world space.
-    pub normal: DVec3,
-    /// Signed distance of the plane from the world's origin along the normal (meters).
-    pub distance: f64,
-}
+use super::{
+    half_space::HalfSpace,
+    slice::{BodyVertex, Slice, ViewVolume},
+};
 
 /// A bounded convex body: corners, and faces as rings of their indices.
 ///
@@ -68,6 +62,16 @@ impl ConvexBody {
             rings: FACES.concat(),
             ends: (1..=FACES.len()).map(|face| 4 * face).collect(),
         }
+    }
+
+    /// Its corners as a view sees them.
+    pub fn vertices(&self, view: &ViewVolume) -> Vec<BodyVertex> {
+        let per_depth = view.per_depth();
+        let vertex = |corner: &DVec3| BodyVertex {
+            position: *corner,
+            image_height: view.image_height(per_depth.dot(*corner - view.eye)),
+        };
+        self.corners.iter().map(vertex).collect()
     }
 
     /// The faces: indices of their corners, in order round each, in either direction.

@@ -8,9 +8,9 @@ use glam::{DVec2, DVec3};
 
 use super::{
     aliasing::Aliasing,
-    body::HalfSpace,
-    slice::{Slice, ViewVolume},
-    warp::{BodyVertex, WarpFrame, forward, slice_vertices},
+    half_space::HalfSpace,
+    slice::{BodyVertex, Slice, ViewVolume},
+    warp::WarpFrame,
 };
 
 /// A face of a slice and how its map is warped.
@@ -93,7 +93,7 @@ impl Face {
 /// The warp runs along the bisector of the side's two edges as the light sees them, and is as
 /// strong as makes errors along it equal at both ends.
 pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
-    let vertices = slice_vertices(slice);
+    let vertices = slice.vertices();
     (0..4)
         .filter_map(|side| {
             let next = (side + 1) % 4;
@@ -104,7 +104,7 @@ pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
             let normal = edges[0].cross(edges[1]).try_normalize()?;
             let outward = normal * normal.dot(a - slice.center).signum();
             let facing = outward.dot(to_light.try_normalize()?);
-            let from_behind = forward(view)?.dot(to_light) <= 0.0;
+            let from_behind = view.forward()?.dot(to_light) <= 0.0;
             if facing.abs() < EDGE_ON || (facing > 0.0) != from_behind {
                 return None;
             }
@@ -126,11 +126,11 @@ pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
 /// The near face of a slice, whose map needs no warp: the image is equally wide all over it.
 /// `None` if the light sees it edge-on.
 pub fn near(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Option<Face> {
-    let facing = forward(view)?.dot(to_light.try_normalize()?);
+    let facing = view.forward()?.dot(to_light.try_normalize()?);
     if facing.abs() < EDGE_ON {
         return None;
     }
-    let [a, b, c, d, ..] = slice_vertices(slice);
+    let [a, b, c, d, ..] = slice.vertices();
     Some(Face {
         side: 4,
         frame: WarpFrame::new(view.eye, view.axes.y_axis, to_light)?,

@@ -3,9 +3,9 @@
 use glam::{DMat4, DVec2, DVec3, DVec4, UVec2};
 
 use super::{
+    hysteresis::{Kept, Slack},
     light_frame::LightFrame,
     slice::Slice,
-    steady::{Held, Slack},
 };
 
 /// An orthographic map: a box in the light's frame.
@@ -57,7 +57,7 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
 }
 
 /// The smallest box around points in the light's frame, grown by some slack: as long as that
-/// lasts, the map moves in whole texels and does not change its size. `held` is the extent
+/// lasts, the map moves in whole texels and does not change its size. `kept` is the extent
 /// (meters).
 pub fn tight(
     points: &[DVec3],
@@ -65,7 +65,7 @@ pub fn tight(
     map_size: UVec2,
     reach: LookupReach,
     slack: Slack,
-    held: &mut [Held<f64>; 2],
+    kept: &mut [Kept<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
     let (lo, hi) = points
@@ -75,11 +75,14 @@ pub fn tight(
             (lo.min(p), hi.max(p))
         });
     let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
-    let [across, up] = held;
-    let steady = DVec2::new(slack.length(extent.x, across), slack.length(extent.y, up));
+    let [across, up] = kept;
+    let rounded = DVec2::new(
+        slack.round_up(extent.x, across),
+        slack.round_up(extent.y, up),
+    );
     let snaps = slack.0 > 0.0;
     let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
-    let half = 0.5 * steady * size / usable(size, guard);
+    let half = 0.5 * rounded * size / usable(size, guard);
     let texel = 2.0 * half / size;
     let center = (lo + hi) * 0.5;
     let cell = texel.extend(texel.max_element());

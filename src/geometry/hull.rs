@@ -1,8 +1,8 @@
 //! Which casters can matter to a body: the body swept towards the light.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-use super::body::{ConvexBody, HalfSpace};
+use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 
 /// Every place from which a caster can throw a shadow into a convex body.
 ///
@@ -69,13 +69,10 @@ impl CasterHull {
     }
 
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
-    ///
-    /// `half_axes` are the box's half-extents as three vectors in world space.
-    pub fn intersects_box(&self, center: DVec3, half_axes: &DMat3) -> bool {
+    pub fn intersects_box(&self, bounds: &OrientedBox) -> bool {
         // A box that is not a number is outside of no plane.
         !self.planes.iter().any(|plane| {
-            let reach = (half_axes.transpose() * plane.normal).abs().element_sum();
-            plane.normal.dot(center) - reach > plane.distance
+            plane.normal.dot(bounds.center) - bounds.reach(plane.normal) > plane.distance
         })
     }
 }

@@ -1,10 +1,10 @@
 //! Pure shadow-map mathematics on `glam` types, in `f64`, free of ECS, assets and GPU.
 //!
 //! One idea a file: [`split`] says where cascades end, [`mod@slice`] cuts the view volume there,
-//! [`receivers`] says where there is anything to shadow, large meshes by their [`mod@parts`], and [`body`]
+//! [`receivers`] says where there is anything to shadow, large meshes by their [`mesh_boxes`], and [`body`]
 //! clips a slice to it.
 //! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map there and [`mod@warp`] one
-//! in perspective; [`steady`] keeps either from changing its size with every frame. [`hull`] decides
+//! in perspective; [`hysteresis`] keeps either from changing its size with every frame. [`hull`] decides
 //! which casters can matter and [`aliasing`] tells how good a map is. [`bias`] says how much nearer
 //! to the light a lookup must be for a plane not to shadow itself. [`face`] lays maps over the faces
 //! of a slice.
@@ -14,11 +14,13 @@ pub mod bias;
 pub mod body;
 pub mod face;
 pub mod fit;
+pub mod half_space;
 pub mod hull;
+pub mod hysteresis;
 pub mod light_frame;
-pub mod parts;
+pub mod mesh_boxes;
+pub mod oriented_box;
 pub mod receivers;
 pub mod slice;
 pub mod split;
-pub mod steady;
 pub mod warp;

@@ -1,9 +1,11 @@
 //! What receives shadows before a camera, as boxes: where cascades are worth anything.
 
-use glam::{BVec4, DMat3, DVec3, DVec4};
+use glam::{BVec4, DVec3, DVec4};
 
 use super::{
-    body::{ConvexBody, HalfSpace},
+    body::ConvexBody,
+    half_space::HalfSpace,
+    oriented_box::OrientedBox,
     slice::{Depth, Slice, ViewVolume},
 };
 
@@ -122,14 +124,13 @@ impl Receivers {
         self.everywhere = true;
     }
 
-    /// Adds what lies in an oriented box, given by its half-extents as three vectors in world
-    /// space. Not if the box is not finite or wholly behind the eye: then nothing is seen of it.
-    pub fn add(&mut self, center: DVec3, half_axes: &DMat3) {
+    /// Adds what lies in a box. Not if the box is not finite or wholly behind the eye: then nothing
+    /// is seen of it.
+    pub fn add(&mut self, bounds: &OrientedBox) {
+        let OrientedBox { center, half_axes } = bounds;
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
-        let reach = (half_axes.transpose() * self.depth.per_meter)
-            .abs()
-            .element_sum();
-        let middle = center.extend(self.depth.of(center));
+        let reach = bounds.reach(self.depth.per_meter);
+        let middle = center.extend(self.depth.of(*center));
         let half = half.extend(reach);
         let bounds = Extent {
             lo: middle - half,

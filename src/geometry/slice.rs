@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat4, Vec4};
 
-use super::body::HalfSpace;
+use super::half_space::HalfSpace;
 
 /// What a camera sees, as needed to cut slices: a frame and a cross-section that is affine in
 /// depth. That covers perspective, orthographic, off-center and custom projections alike.
@@ -59,6 +59,16 @@ impl ViewVolume {
     pub fn slice(&self, near: f64, far: f64) -> Option<Slice> {
         let (near, far) = (near.max(self.near).max(0.0), far.min(self.far));
         (near < far).then(|| Slice::new(self, near, far))
+    }
+
+    /// The unit vector along which the camera looks, in world space. `None` if it has no axes.
+    pub fn forward(&self) -> Option<DVec3> {
+        (-self.axes.z_axis).try_normalize()
+    }
+
+    /// Whether what is farther looks smaller.
+    pub fn is_perspective(&self) -> bool {
+        self.max[1].y > self.min[1].y
     }
 
     /// The vector whose product with a point, from the eye, is the point's depth.
@@ -183,7 +193,24 @@ pub struct Slice {
     pub radius: f64,
 }
 
+/// A vertex of the convex body that a map covers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyVertex {
+    /// Where it is, in world space.
+    pub position: DVec3,
+    /// Height that the image has at its depth (meters).
+    pub image_height: f64,
+}
+
 impl Slice {
+    /// Its corners as the view that it was cut from sees them.
+    pub fn vertices(&self) -> [BodyVertex; 8] {
+        core::array::from_fn(|corner| BodyVertex {
+            position: self.corners[corner],
+            image_height: self.image_height(corner),
+        })
+    }
+
     /// Height of the image at the depth of a corner (meters).
     pub fn image_height(&self, corner: usize) -> f64 {
         let quad = corner / 4 * 4;

@@ -1,56 +1,40 @@
-//! Where cascades end: the split planes `C_0 = near < C_1 < … < C_m = far`.
+//! Where cascades end: formulas for the depth `C_i` of split plane `i` of `count`, between `near`
+//! and `far`.
+//!
+//! All expect `0 < near < far` and `0 < index < count`; `C_0` is `near` and `C_count` is `far`.
 
-use crate::config::SplitScheme;
-
-/// The depths of all split planes, `cascades + 1` of them, in meters from the eye.
-///
-/// The first is `near` and the last is `far`, exactly. Planes never decrease; a scheme whose
-/// planes run into `far` early (geometric growth with a large bias) yields coinciding planes,
-/// which stand for empty cascades.
-///
-/// Expects `0 < near < far`, at least one cascade and scheme parameters inside their documented
-/// ranges, all of which [`ParallelSplitShadows::validate`](crate::ParallelSplitShadows::validate)
-/// guarantees.
-pub fn split_planes(scheme: &SplitScheme, near: f64, far: f64, cascades: usize) -> Vec<f64> {
-    (0..=cascades)
-        .map(|index| {
-            if index == 0 {
-                near
-            } else if index == cascades {
-                far
-            } else {
-                inner_plane(scheme, near, far, cascades, index)
-            }
-        })
-        .collect()
+/// `n + (f − n) i/m`: equal slices.
+pub fn uniform(near: f64, far: f64, index: usize, count: usize) -> f64 {
+    near + (far - near) * (index as f64 / count as f64)
 }
 
-fn inner_plane(scheme: &SplitScheme, near: f64, far: f64, cascades: usize, index: usize) -> f64 {
-    let fraction = index as f64 / cascades as f64;
-    let remaining = (cascades - index) as i32;
-    match scheme {
-        SplitScheme::Uniform => uniform(near, far, fraction),
-        SplitScheme::Logarithmic => logarithmic(near, far, fraction),
-        SplitScheme::Practical { lambda } => {
-            lambda * logarithmic(near, far, fraction)
-                + (1.0 - lambda) * uniform(near, far, fraction)
-        }
-        SplitScheme::Geometric { gamma, bias } => {
-            let growth = gamma.powi(remaining);
-            (near + (far - near) / growth + *bias).min(far)
-        }
-        SplitScheme::GeometricScaled { gamma, bias } => {
-            let first = (far - near) / gamma.powi(cascades as i32 - 1) + *bias;
-            (near + gamma.powi(index as i32 - 1) * first).min(far)
-        }
-        SplitScheme::Manual(planes) => planes[index - 1],
-    }
+/// `n (f/n)^(i/m)`: equal perspective error in every slice (Zhang et al. 2006).
+pub fn logarithmic(near: f64, far: f64, index: usize, count: usize) -> f64 {
+    near * ((far / near).ln() * (index as f64 / count as f64)).exp()
 }
 
-fn uniform(near: f64, far: f64, fraction: f64) -> f64 {
-    near + (far - near) * fraction
+/// `lambda` parts logarithmic, `1 − lambda` parts uniform (GPU Gems 3 ch. 10, NVIDIA 2007).
+pub fn practical(lambda: f64, near: f64, far: f64, index: usize, count: usize) -> f64 {
+    lambda * logarithmic(near, far, index, count)
+        + (1.0 - lambda) * uniform(near, far, index, count)
 }
 
-fn logarithmic(near: f64, far: f64, fraction: f64) -> f64 {
-    near * ((far / near).ln() * fraction).exp()
+/// `min(n + (f − n)/gamma^(m−i) + bias, f)` (Zhang et al. 2006, Eq. 3 as printed).
+pub fn geometric(gamma: f64, bias: f64, near: f64, far: f64, index: usize, count: usize) -> f64 {
+    let growth = gamma.powi((count - index) as i32);
+    (near + (far - near) / growth + bias).min(far)
+}
+
+/// `min(n + gamma^(i−1) ((f − n)/gamma^(m−1) + bias), f)`: what Eqs. 1 and 2 of the same paper
+/// imply, the bias growing with the slices.
+pub fn geometric_scaled(
+    gamma: f64,
+    bias: f64,
+    near: f64,
+    far: f64,
+    index: usize,
+    count: usize,
+) -> f64 {
+    let first = (far - near) / gamma.powi(count as i32 - 1) + bias;
+    (near + gamma.powi(index as i32 - 1) * first).min(far)
 }

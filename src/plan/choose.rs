@@ -2,58 +2,67 @@
 
 use glam::UVec2;
 
-use super::{CascadeHistory, PlanInputs, body::Body, layout::Layout, map, size::even_size};
+use super::{
+    CascadeHistory, PlanInputs, layout::Layout, map, size::even_size, volume::CascadeVolume,
+};
 use crate::{
     config::{CascadeFit, MAX_CASCADES, MapFit, SplitScheme},
-    geometry::steady::Slack,
+    geometry::hysteresis::Slack,
 };
 
 /// Pixels across a texel; finer is not sharper.
 const FINE_ENOUGH: f64 = 0.5;
 
-/// A choice is held until another is better by so much.
+/// A choice is kept until another is better by so much.
 const HOLD: f64 = 1.1;
 
 /// Pixels across a texel of a map, as predicted where they are most.
-fn coarseness(inputs: &PlanInputs, body: &Body, fit: MapFit, size: UVec2) -> f64 {
-    map::lay(inputs, body, fit, size, Slack(0.0), &mut Default::default())
-        .and_then(|laid| laid.aliasing(inputs, body))
-        .map_or(f64::INFINITY, |worst| {
-            let pixels = worst.pixels_per_texel(size.as_dvec2(), inputs.image_height);
-            (pixels.x * pixels.y).sqrt().max(FINE_ENOUGH)
-        })
+fn coarseness(inputs: &PlanInputs, volume: &CascadeVolume, fit: MapFit, size: UVec2) -> f64 {
+    map::place(
+        inputs,
+        volume,
+        fit,
+        size,
+        Slack(0.0),
+        &mut Default::default(),
+    )
+    .and_then(|map| map.aliasing(inputs, volume))
+    .map_or(f64::INFINITY, |worst| {
+        let pixels = worst.pixels_per_texel(size.as_dvec2(), inputs.image_height);
+        (pixels.x * pixels.y).sqrt().max(FINE_ENOUGH)
+    })
 }
 
 /// The fit of a cascade and, if there was a choice, its coarseness.
 pub(super) fn fit(
     inputs: &PlanInputs,
-    body: Option<&Body>,
+    volume: Option<&CascadeVolume>,
     index: usize,
-    held: Option<MapFit>,
+    kept: Option<MapFit>,
 ) -> (MapFit, f64) {
     let mut fits = inputs.config.fit.of_cascade(index);
     let first = fits.next().unwrap_or_default();
-    let (CascadeFit::Auto { prefer }, Some(body)) = (&inputs.config.fit, body) else {
-        return (held.unwrap_or(first), 0.0);
+    let (CascadeFit::Auto { sharpness }, Some(volume)) = (&inputs.config.fit, volume) else {
+        return (kept.unwrap_or(first), 0.0);
     };
     // How much finer a fit must be to be worth its edges' crawling.
-    let price = |fit: MapFit| {
-        let worth = prefer.share().recip();
-        let price = match fit {
+    let handicap = |fit: MapFit| {
+        let most = f64::from(*sharpness).recip();
+        let handicap = match fit {
             MapFit::Stable => 1.0,
-            MapFit::Tight => 1.01 * worth.sqrt(),
-            MapFit::Warped(_) => 1.02 * worth,
+            MapFit::Tight => 1.01 * most.sqrt(),
+            MapFit::Warped(_) => 1.02 * most,
         };
-        if held == Some(fit) {
-            price / HOLD
+        if kept == Some(fit) {
+            handicap / HOLD
         } else {
-            price
+            handicap
         }
     };
     let size = even_size(inputs.config, index);
     let of = |fit| {
-        let coarse = coarseness(inputs, body, fit, size);
-        (fit, coarse, coarse * price(fit))
+        let coarse = coarseness(inputs, volume, fit, size);
+        (fit, coarse, coarse * handicap(fit))
     };
     let stable = of(first);
     if stable.1 <= FINE_ENOUGH {
@@ -70,13 +79,13 @@ pub(super) fn fit(
 
 /// How many slices are worth a cascade: the fewest that are predicted to be about as sharp as any
 /// number is.
-pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], held: Option<usize>) -> usize {
+pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usize>) -> usize {
     let config = inputs.config;
     let all = config.cascades as usize;
     if config.fit == CascadeFit::Faces {
         // The number of faces changes with the direction of light and view. Once there have been
         // many, slices stay as few as those leave, or shadows would change to and fro.
-        return held.unwrap_or(all);
+        return kept.unwrap_or(all);
     }
     if !config.fit.chooses() || matches!(config.splits, SplitScheme::Manual(_)) {
         return all;
@@ -84,12 +93,12 @@ pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], held: Option<usi
     let coarsest: Vec<f64> = (1..=all)
         .map(|count| {
             let layout = Layout::new(inputs, range, count);
-            let bodies = layout.bodies(inputs, &mut [CascadeHistory::default(); MAX_CASCADES]);
-            let coarse = |(index, body): (usize, &Option<Body>)| {
-                let (_, coarse) = fit(inputs, body.as_ref(), index, None);
+            let volumes = layout.volumes(inputs, &mut [CascadeHistory::default(); MAX_CASCADES]);
+            let coarse = |(index, volume): (usize, &Option<CascadeVolume>)| {
+                let (_, coarse) = fit(inputs, volume.as_ref(), index, None);
                 coarse
             };
-            bodies.iter().enumerate().map(coarse).fold(0.0, f64::max)
+            volumes.iter().enumerate().map(coarse).fold(0.0, f64::max)
         })
         .collect();
     let least = coarsest.iter().copied().fold(f64::INFINITY, f64::min);
@@ -97,8 +106,8 @@ pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], held: Option<usi
         let good = coarsest.iter().position(|coarse| *coarse <= share * least);
         good.map_or(all, |index| index + 1)
     };
-    match held {
-        Some(held) if coarsest[held - 1] <= HOLD * HOLD * least => held.min(fewest(HOLD.sqrt())),
+    match kept {
+        Some(kept) if coarsest[kept - 1] <= HOLD * HOLD * least => kept.min(fewest(HOLD.sqrt())),
         _ => fewest(HOLD),
     }
 }

@@ -1,12 +1,11 @@
 //! Where cascades begin and end.
 
-use super::{CascadeHistory, PlanInputs, body::Body};
+use super::{CascadeHistory, PlanInputs, split::split_planes, volume::CascadeVolume};
 use crate::{
     config::{CascadeFit, MapFit, ParallelSplitShadows, ShadowFocus, SplitScheme},
     geometry::{
         face::Wedge,
-        split::split_planes,
-        steady::{Held, Slack},
+        hysteresis::{Kept, Slack},
     },
 };
 
@@ -30,14 +29,14 @@ impl<'a> Layout<'a> {
         let wedges = wedges(inputs);
         let slices = slices.min(config.cascades as usize / wedges.len().max(1));
         let mut planes = split_planes(&config.splits, range[0], range[1], slices);
-        planes.resize(config.cascades as usize + 1, config.far);
+        planes.resize(config.cascades as usize + 1, inputs.far());
         for plane in &mut planes[slices..] {
-            *plane = config.far;
+            *plane = inputs.far();
         }
         Self {
             config,
             planes,
-            fade_start: fade_start(config),
+            fade_start: fade_start(inputs),
             slices,
             wedges,
         }
@@ -65,10 +64,10 @@ impl<'a> Layout<'a> {
 
     fn blend_start_of(&self, slice: usize) -> f64 {
         let [near, far] = [self.planes[slice], self.planes[slice + 1]];
-        if far >= self.config.far {
+        if far >= f64::from(self.config.far) {
             self.fade_start.max(near)
         } else {
-            far - self.config.blend * (far - near)
+            far - f64::from(self.config.blend) * (far - near)
         }
     }
 
@@ -84,14 +83,18 @@ impl<'a> Layout<'a> {
     }
 
     /// What the cascades in use must cover.
-    pub fn bodies(&self, inputs: &PlanInputs, held: &mut [CascadeHistory]) -> Vec<Option<Body>> {
+    pub fn volumes(
+        &self,
+        inputs: &PlanInputs,
+        kept: &mut [CascadeHistory],
+    ) -> Vec<Option<CascadeVolume>> {
         let used = self.slices * self.wedges.len().max(1);
-        let mut bodies: Vec<_> = (0..used)
+        let mut volumes: Vec<_> = (0..used)
             .map(|index| {
                 let slice = self.slice(index);
                 // Where planes fall together the cascade before already reaches this far.
                 (self.planes[slice] < self.planes[slice + 1])
-                    .then(|| Body::of_slice(inputs, self.interval(index)))?
+                    .then(|| CascadeVolume::of_slice(inputs, self.interval(index)))?
             })
             .collect();
         if is_focused(inputs) {
@@ -99,7 +102,7 @@ impl<'a> Layout<'a> {
             let slices: Vec<_> = (0..self.slices)
                 .map(|slice| {
                     let index = slice * self.wedges.len().max(1);
-                    bodies[index].as_ref()?;
+                    volumes[index].as_ref()?;
                     let (near, far) = self.interval(index);
                     let view = inputs.view;
                     view.slice(near * (1.0 - ROUNDING), far * (1.0 + ROUNDING))
@@ -107,18 +110,18 @@ impl<'a> Layout<'a> {
                 .collect();
             let slices = slices.iter().map(Option::as_ref);
             let found = inputs.receivers.in_slices(slices);
-            for (index, (body, held)) in bodies.iter_mut().zip(held).enumerate() {
+            for (index, (volume, kept)) in volumes.iter_mut().zip(kept).enumerate() {
                 let found = found[self.slice(index)];
-                *body = body
+                *volume = volume
                     .take()
-                    .and_then(|body| body.focused(inputs, found, held));
+                    .and_then(|volume| volume.focused(inputs, found, kept));
             }
         }
-        let in_wedge = |(index, body): (usize, Option<Body>)| match self.wedge(index) {
-            Some(wedge) => body?.within(wedge),
-            None => body,
+        let in_wedge = |(index, volume): (usize, Option<CascadeVolume>)| match self.wedge(index) {
+            Some(wedge) => volume?.within(wedge),
+            None => volume,
         };
-        bodies.into_iter().enumerate().map(in_wedge).collect()
+        volumes.into_iter().enumerate().map(in_wedge).collect()
     }
 }
 
@@ -128,16 +131,12 @@ const ROUNDING: f64 = 1e-5;
 
 /// Depth at which shadows begin to fade, whatever splits are spread over: a share of the last
 /// slice that the configuration would have.
-fn fade_start(config: &ParallelSplitShadows) -> f64 {
-    let planes = split_planes(
-        &config.splits,
-        config.near,
-        config.far,
-        config.cascades as usize,
-    );
+fn fade_start(inputs: &PlanInputs) -> f64 {
+    let (config, near, far) = (inputs.config, inputs.near(), inputs.far());
+    let planes = split_planes(&config.splits, near, far, config.cascades as usize);
     // Where the last planes fall together, the first to reach them is the last to be seen.
-    let last = planes.iter().rfind(|plane| **plane < config.far);
-    config.far - config.fade * (config.far - last.unwrap_or(&config.near))
+    let last = planes.iter().rfind(|plane| **plane < far);
+    far - f64::from(config.fade) * (far - last.unwrap_or(&near))
 }
 
 fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
@@ -151,41 +150,44 @@ fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
 
 /// Whether maps are fitted to what receives shadows.
 pub(super) fn is_focused(inputs: &PlanInputs) -> bool {
-    inputs.config.focus == ShadowFocus::Receivers && !inputs.receivers.are_everywhere()
+    inputs.config.comparison.focus == ShadowFocus::Receivers && !inputs.receivers.are_everywhere()
 }
 
 /// Slack of the range of depths where maps may be stable.
-const STABLE_SLACK: f64 = 0.25;
+const MIN_STABLE_SLACK: f64 = 0.25;
 
 /// A range of depths is no thinner than this, as a share: planes should not fall together.
-const THINNEST: f64 = 1e-3;
+const MIN_THICKNESS: f64 = 1e-3;
 
 /// The depths between which splits are spread: those at which anything receives shadows.
-pub(super) fn split_range(inputs: &PlanInputs, held: &mut [Held<f64>; 2]) -> [f64; 2] {
+pub(super) fn split_range(inputs: &PlanInputs, kept: &mut [Kept<f64>; 2]) -> [f64; 2] {
     let PlanInputs { view, config, .. } = inputs;
-    let whole = [config.near, config.far];
+    let whole = [inputs.near(), inputs.far()];
     let chooses = config.fit.chooses();
     let is_stable = config.fit.any(|fit| fit == MapFit::Stable) && !chooses;
     let is_fixed = is_stable || matches!(config.splits, SplitScheme::Manual(_));
     if is_fixed || !is_focused(inputs) {
         return whole;
     }
-    let Some(slice) = view.slice(config.near, config.far) else {
+    let Some(slice) = view.slice(whole[0], whole[1]) else {
         return whole;
     };
     let found = inputs.receivers.in_slices([Some(&slice)])[0];
-    let near = (found.lo.w * (1.0 - THINNEST)).max(config.near);
-    let far = (found.hi.w * (1.0 + THINNEST)).min(config.far);
+    let near = (found.lo.w * (1.0 - MIN_THICKNESS)).max(whole[0]);
+    let far = (found.hi.w * (1.0 + MIN_THICKNESS)).min(whole[1]);
     if near >= far {
         return whole;
     }
     // Where maps may be stable, planes should be, too.
-    let slack = Slack(if chooses {
-        config.slack.max(STABLE_SLACK)
+    let slack = if chooses {
+        Slack(inputs.slack().0.max(MIN_STABLE_SLACK))
     } else {
-        config.slack
-    });
-    let [held_near, held_far] = held;
-    let range = [slack.shorter(near, held_near), slack.length(far, held_far)];
-    [range[0].max(config.near), range[1].min(config.far)]
+        inputs.slack()
+    };
+    let [kept_near, kept_far] = kept;
+    let range = [
+        slack.round_down(near, kept_near),
+        slack.round_up(far, kept_far),
+    ];
+    [range[0].max(whole[0]), range[1].min(whole[1])]
 }

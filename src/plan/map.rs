@@ -1,21 +1,24 @@
-//! Laying a map over its body.
+//! Placing a map over the volume that it must cover.
 
 use glam::{DMat4, DVec2, DVec3, UVec2};
 
-use super::{CascadeMap, PlanInputs, body::Body};
+use super::{
+    CascadeMap, PlanInputs,
+    volume::CascadeVolume,
+    warp::{warp_direction, warp_frame},
+};
 use crate::{
     config::{CasterFaces, MapFit},
     geometry::{
         aliasing::Aliasing,
         fit::{self, MapBox},
         hull::CasterHull,
-        steady::{Held, Slack},
-        warp,
+        hysteresis::{Kept, Slack},
     },
 };
 
-/// A map over its body.
-pub(super) struct Laid {
+/// A map over its volume.
+pub(super) struct PlacedMap {
     clip_from_world: DMat4,
     world_from_cascade: DMat4,
     axes: [DVec3; 2],
@@ -24,15 +27,15 @@ pub(super) struct Laid {
     strength: f64,
 }
 
-/// `held` is the extent of a tight map (meters).
-pub(super) fn lay(
+/// `kept` is the extent of a tight map (meters).
+pub(super) fn place(
     inputs: &PlanInputs,
-    body: &Body,
+    volume: &CascadeVolume,
     fit: MapFit,
     map_size: UVec2,
     slack: Slack,
-    held: &mut [Held<f64>; 2],
-) -> Option<Laid> {
+    kept: &mut [Kept<f64>; 2],
+) -> Option<PlacedMap> {
     let PlanInputs {
         view,
         light,
@@ -40,7 +43,7 @@ pub(super) fn lay(
         reach,
         ..
     } = *inputs;
-    let in_light = |map: MapBox| Laid {
+    let in_light = |map: MapBox| PlacedMap {
         clip_from_world: map.clip_from_world(light),
         world_from_cascade: map.world_from_cascade(light),
         axes: [light.x, light.y],
@@ -49,20 +52,20 @@ pub(super) fn lay(
         strength: 0.0,
     };
     Some(match fit {
-        MapFit::Stable => in_light(fit::stable(&body.slice, light, map_size, reach)),
+        MapFit::Stable => in_light(fit::stable(&volume.slice, light, map_size, reach)),
         MapFit::Tight => {
-            let points = &body.whole.corners;
-            in_light(fit::tight(points, light, map_size, reach, slack, held))
+            let points = &volume.body.corners;
+            in_light(fit::tight(points, light, map_size, reach, slack, kept))
         }
         MapFit::Warped(warp) => {
-            let away = match body.axis {
+            let direction = match volume.axis {
                 Some(axis) => axis,
-                None => warp::away(config.warp_axis, view, body.seen())?,
+                None => warp_direction(config.comparison.warp_axis, view, volume.seen())?,
             };
-            let (frame, strength) = warp::lay(warp, away, view, light.z, body.seen())?;
-            let vertices = warp::body_vertices(view, &body.whole);
+            let (frame, strength) = warp_frame(warp, direction, view, light.z, volume.seen())?;
+            let vertices = volume.body.vertices(view);
             let (clip_from_world, texel) = frame.guarded_map(&vertices, strength, map_size, reach);
-            Laid {
+            PlacedMap {
                 clip_from_world,
                 world_from_cascade: frame.world_from_frame(),
                 axes: [frame.x, frame.y],
@@ -74,36 +77,36 @@ pub(super) fn lay(
     })
 }
 
-impl Laid {
+impl PlacedMap {
     /// The worst over what is seen of a body.
-    pub fn aliasing(&self, inputs: &PlanInputs, body: &Body) -> Option<Aliasing> {
-        let vertices = warp::body_vertices(inputs.view, body.seen());
+    pub fn aliasing(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<Aliasing> {
+        let vertices = volume.seen().vertices(inputs.view);
         Aliasing::over(&self.clip_from_world, self.axes, &vertices)
     }
-}
 
-/// What the renderer and the culling need of a map. `None` if it has no extent.
-pub(super) fn finish(inputs: &PlanInputs, body: &Body, laid: Laid) -> Option<CascadeMap> {
-    // Mirrored, triangles turn their backs on the rasterizer.
-    let turned = match inputs.config.caster_faces {
-        CasterFaces::Front => DMat4::IDENTITY,
-        CasterFaces::Back => DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0)),
-    };
-    let clip_from_world = turned * laid.clip_from_world;
-    let world_from_cascade = laid.world_from_cascade;
-    let published = [clip_from_world, world_from_cascade];
-    if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
-        return None;
+    /// What the renderer and the culling need of a map. `None` if it has no extent.
+    pub fn finish(self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<CascadeMap> {
+        // Mirrored, triangles turn their backs on the rasterizer.
+        let mirror = match inputs.config.comparison.caster_faces {
+            CasterFaces::Front => DMat4::IDENTITY,
+            CasterFaces::Back => DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0)),
+        };
+        let clip_from_world = mirror * self.clip_from_world;
+        let world_from_cascade = self.world_from_cascade;
+        let published = [clip_from_world, world_from_cascade];
+        if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
+            return None;
+        }
+        let margin = inputs.reach.texels * self.texel.max_element();
+        Some(CascadeMap {
+            clip_from_world,
+            clip_from_cascade: clip_from_world * world_from_cascade,
+            world_from_cascade,
+            texel: self.texel,
+            fit: self.fit,
+            strength: self.strength,
+            hull: CasterHull::new(&volume.body, inputs.light.z, margin),
+            aliasing: self.aliasing(inputs, volume),
+        })
     }
-    let margin = inputs.reach.texels * laid.texel.max_element();
-    Some(CascadeMap {
-        clip_from_world,
-        clip_from_cascade: clip_from_world * world_from_cascade,
-        world_from_cascade,
-        texel: laid.texel,
-        fit: laid.fit,
-        strength: laid.strength,
-        hull: CasterHull::new(&body.whole, inputs.light.z, margin),
-        aliasing: laid.aliasing(inputs, body),
-    })
 }

@@ -1,11 +1,18 @@
 //! From a view, a light and a configuration to the cascades that will be drawn: one pure
 //! function, no ECS, that calls [`geometry`](crate::geometry) in order.
 
-mod body;
 mod choose;
 mod layout;
+mod lookup;
 mod map;
 mod size;
+mod split;
+mod volume;
+mod warp;
+
+pub use lookup::{bias_scales, filter_of, lookup_reach};
+pub use split::split_planes;
+pub use warp::{warp_direction, warp_frame};
 
 use glam::{DMat4, DVec2, UVec2};
 
@@ -16,10 +23,10 @@ use crate::{
         face::Wedge,
         fit::LookupReach,
         hull::CasterHull,
+        hysteresis::{Kept, Slack},
         light_frame::LightFrame,
         receivers::Receivers,
         slice::ViewVolume,
-        steady::{Held, Slack},
     },
 };
 
@@ -90,12 +97,27 @@ pub struct PlanInputs<'a> {
     pub light: &'a LightFrame,
     /// Must have passed [`ParallelSplitShadows::validate`].
     pub config: &'a ParallelSplitShadows,
-    /// What lookups reach ([`ParallelSplitShadows::lookup_reach`]).
+    /// What lookups reach ([`lookup_reach`]).
     pub reach: LookupReach,
     /// What receives shadows before the camera.
     pub receivers: &'a Receivers,
     /// Height of the picture (pixels): no fit need be sharper.
     pub image_height: f64,
+}
+
+/// The settings' numbers, in the plan's precision.
+impl PlanInputs<'_> {
+    fn near(&self) -> f64 {
+        f64::from(self.config.near)
+    }
+
+    fn far(&self) -> f64 {
+        f64::from(self.config.far)
+    }
+
+    fn slack(&self) -> Slack {
+        Slack(f64::from(self.config.slack))
+    }
 }
 
 /// What fitted maps hold on to from frame to frame; one for each view of a light.
@@ -104,7 +126,7 @@ pub struct PlanHistory {
     /// What it was made with: another configuration starts anew.
     config: Option<ParallelSplitShadows>,
     /// Depths between which splits are spread.
-    range: [Held<f64>; 2],
+    range: [Kept<f64>; 2],
     /// Slices in use.
     slices: Option<usize>,
     cascades: [CascadeHistory; MAX_CASCADES],
@@ -113,14 +135,14 @@ pub struct PlanHistory {
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 struct CascadeHistory {
     /// Of what receives shadows, along the world's axes.
-    bounds: [Held<[f64; 2]>; 3],
+    bounds: [Kept<[f64; 2]>; 3],
     /// Of the same, in depth.
-    depths: [Held<f64>; 2],
+    depths: [Kept<f64>; 2],
     /// Of a tight map (meters).
-    extent: [Held<f64>; 2],
+    extent: [Kept<f64>; 2],
     fit: Option<MapFit>,
     /// Of a map from a budget (texels).
-    size: [Held<f64>; 2],
+    size: [Kept<f64>; 2],
 }
 
 /// Plans all cascades of a light for a view.
@@ -137,27 +159,26 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     let layout = Layout::new(inputs, range, slices);
     history.slices = Some(layout.slices());
 
-    let held = &mut history.cascades;
-    let bodies = layout.bodies(inputs, held);
-    let fits: Vec<_> = bodies
+    let kept = &mut history.cascades;
+    let volumes = layout.volumes(inputs, kept);
+    let fits: Vec<_> = volumes
         .iter()
         .enumerate()
-        .map(|(index, body)| {
-            let (fit, _) = choose::fit(inputs, body.as_ref(), index, held[index].fit);
-            held[index].fit = Some(fit);
+        .map(|(index, volume)| {
+            let (fit, _) = choose::fit(inputs, volume.as_ref(), index, kept[index].fit);
+            kept[index].fit = Some(fit);
             fit
         })
         .collect();
-    let sizes = size::map_sizes(inputs, &layout, &bodies, &fits, held);
+    let sizes = size::map_sizes(inputs, &layout, &volumes, &fits, kept);
     (0..config.cascades as usize)
         .map(|index| {
             let (near, far) = layout.interval(index);
-            let body = bodies.get(index).and_then(Option::as_ref);
-            let map = body.and_then(|body| {
-                let slack = Slack(config.slack);
-                let extent = &mut held[index].extent;
-                let laid = map::lay(inputs, body, fits[index], sizes[index], slack, extent)?;
-                map::finish(inputs, body, laid)
+            let volume = volumes.get(index).and_then(Option::as_ref);
+            let map = volume.and_then(|volume| {
+                let (slack, extent) = (inputs.slack(), &mut kept[index].extent);
+                map::place(inputs, volume, fits[index], sizes[index], slack, extent)?
+                    .finish(inputs, volume)
             });
             CascadePlan {
                 near,

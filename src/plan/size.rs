@@ -2,15 +2,15 @@
 
 use glam::{DVec2, UVec2};
 
-use super::{CascadeHistory, PlanInputs, body::Body, layout::Layout, map};
+use super::{CascadeHistory, PlanInputs, layout::Layout, map, volume::CascadeVolume};
 use crate::{
     config::{MIN_MAP_SIZE, MapFit, MapSize, ParallelSplitShadows},
-    geometry::{aliasing::Aliasing, steady::Slack},
+    geometry::{aliasing::Aliasing, hysteresis::Slack},
 };
 
 /// Sizes from a budget change in steps no smaller than this: with the largest all memory is
 /// allocated anew.
-const LEAST_SLACK: f64 = 0.05;
+const MIN_SLACK: f64 = 0.05;
 
 /// A size for predictions before sizes are known.
 pub(super) fn even_size(config: &ParallelSplitShadows, index: usize) -> UVec2 {
@@ -27,9 +27,9 @@ pub(super) fn even_size(config: &ParallelSplitShadows, index: usize) -> UVec2 {
 pub(super) fn map_sizes(
     inputs: &PlanInputs,
     layout: &Layout,
-    bodies: &[Option<Body>],
+    volumes: &[Option<CascadeVolume>],
     fits: &[MapFit],
-    held: &mut [CascadeHistory],
+    kept: &mut [CascadeHistory],
 ) -> Vec<UVec2> {
     let config = inputs.config;
     let count = config.cascades as usize;
@@ -42,15 +42,22 @@ pub(super) fn map_sizes(
         let fit = fits[index];
         // A stable map's size must not depend on what is in its slice.
         let whole = (fit == MapFit::Stable)
-            .then(|| Body::of_slice(inputs, layout.interval(index)))
+            .then(|| CascadeVolume::of_slice(inputs, layout.interval(index)))
             .flatten();
-        let body = whole.as_ref().or(bodies[index].as_ref())?;
-        let laid = map::lay(inputs, body, fit, even, Slack(0.0), &mut Default::default())?;
-        laid.aliasing(inputs, body)
+        let volume = whole.as_ref().or(volumes[index].as_ref())?;
+        let map = map::place(
+            inputs,
+            volume,
+            fit,
+            even,
+            Slack(0.0),
+            &mut Default::default(),
+        )?;
+        map.aliasing(inputs, volume)
     };
-    let aliasing: Vec<_> = (0..bodies.len()).map(predicted).collect();
+    let aliasing: Vec<_> = (0..volumes.len()).map(predicted).collect();
     let total: f64 = aliasing.iter().flatten().map(|it| it.storage()).sum();
-    let slack = Slack(config.slack.max(LEAST_SLACK));
+    let slack = Slack(inputs.slack().0.max(MIN_SLACK));
     let [least, most] = [0.5, 2.0].map(|share| share * even.as_dvec2());
     (0..count)
         .map(|index| {
@@ -59,8 +66,11 @@ pub(super) fn map_sizes(
             };
             let texels = f64::from(budget) * aliasing.storage() / total;
             let wanted = aliasing.balanced_resolution(texels).clamp(least, most);
-            let [across, up] = &mut held[index].size;
-            let size = DVec2::new(slack.shorter(wanted.x, across), slack.shorter(wanted.y, up));
+            let [across, up] = &mut kept[index].size;
+            let size = DVec2::new(
+                slack.round_down(wanted.x, across),
+                slack.round_down(wanted.y, up),
+            );
             size.as_uvec2().max(UVec2::splat(MIN_MAP_SIZE))
         })
         .collect()

@@ -1,4 +1,4 @@
-//! Taking over the views whose maps share Bevy's array texture: each gets a layer of our target
+//! Taking over the views whose maps share Bevy's array texture: each gets a layer of the target
 //! and becomes a root view, which [`shadow_map_pass`](super::shadow_map_pass) draws.
 
 use bevy::{
@@ -7,26 +7,21 @@ use bevy::{
     ecs::{
         component::Component,
         entity::Entity,
-        query::{With, Without},
-        resource::Resource,
+        query::{QueryData, With, Without},
         schedule::ScheduleLabel,
-        system::{Commands, Local, Query, Res, ResMut},
+        system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
     light::DirectionalLightShadowMap,
     log::{info, warn},
     math::{UVec2, UVec4},
     pbr::{
-        CORE_3D_SHADOW_MAP_FORMAT, ExtractedDirectionalLight, LightEntity, MAX_DIRECTIONAL_LIGHTS,
-        ShadowView, ViewLightEntities, ViewShadowBindings,
+        ExtractedDirectionalLight, LightEntity, MAX_DIRECTIONAL_LIGHTS, ShadowView,
+        ViewLightEntities, ViewShadowBindings,
     },
     render::{
         camera::SortedCameras,
         occlusion_culling::{
             OcclusionCulling, OcclusionCullingSubview, OcclusionCullingSubviewEntities,
-        },
-        render_resource::{
-            Extent3d, Texture, TextureAspect, TextureDescriptor, TextureDimension, TextureUsages,
-            TextureView, TextureViewDescriptor, TextureViewDimension,
         },
         renderer::RenderDevice,
         sync_world::MainEntity,
@@ -34,10 +29,16 @@ use bevy::{
     },
 };
 
-use super::{ExtractedShadows, extract::ExtractedCascade, options::LookupOptions};
-use crate::shaders::LeftToBevy;
+use super::{
+    ExtractedShadows,
+    extract::ExtractedCascade,
+    layout::{CameraRequest, CascadeRequest, LayerLayout, LayerRequest, layout_layers},
+    options::LookupOptions,
+    target::ShadowTarget,
+};
+use crate::support::{Obstacle, ShadowSupport};
 
-/// A view whose map lies in our target.
+/// A view whose map lies in the plugin's target.
 #[derive(Component, Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AdoptedMap {
     /// Layer of the target.
@@ -47,99 +48,43 @@ pub struct AdoptedMap {
     /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
     /// lit. Bevy's own maps are always drawn.
     pub skip_if_empty: bool,
-    spot_index: Option<u32>,
+    pub(super) spot_index: Option<u32>,
 }
 
 /// The maps of a camera: where the shader finds each light's.
-#[derive(Component, Debug, Default, Clone)]
+#[derive(Component, Debug, Default, Clone, PartialEq)]
 pub(super) struct AdoptedLights {
     pub lights: Vec<AdoptedLight>,
-    /// Lights in the camera's uniform, shadowed or not.
-    pub light_count: usize,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct AdoptedLight {
     /// Position in the camera's uniform.
     pub index: u32,
     pub base_layer: u32,
-    /// Without meaning if the light is not ours.
+    /// Without meaning if the light is not managed.
     pub options: LookupOptions,
-    /// View entities of the light's cascades, with their plan if the light is ours.
+    /// View entities of the light's cascades, with their plan if the light is managed.
     pub cascades: Vec<(Entity, Option<ExtractedCascade>)>,
 }
 
-/// The depth array that holds all maps.
-#[derive(Resource, Debug, Default)]
-pub struct ShadowTarget {
-    texture: Option<Texture>,
-    layers: Vec<TextureView>,
-    /// Of a layer.
-    pub(super) size: UVec2,
-    /// Side of the maps that are not ours.
-    pub(super) stock_size: u32,
-}
-
-impl ShadowTarget {
-    /// One layer of the array; `None` past its end.
-    pub fn layer(&self, layer: u32) -> Option<&TextureView> {
-        self.layers.get(layer as usize)
+impl AdoptedLight {
+    pub fn is_managed(&self) -> bool {
+        self.cascades.iter().any(|(_, cascade)| cascade.is_some())
     }
-
-    fn fit(&mut self, device: &RenderDevice, size: UVec2, layers: u32) -> &Texture {
-        let held = self.layers.len() as u32;
-        let fits = self.size == size && held >= layers && held <= 2 * layers;
-        if !fits {
-            self.texture = None;
-        }
-        self.size = size;
-        let (views, texture) = (&mut self.layers, &mut self.texture);
-        texture.get_or_insert_with(|| {
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some("pssm_shadow_maps"),
-                size: Extent3d {
-                    width: size.x,
-                    height: size.y,
-                    depth_or_array_layers: layers,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: CORE_3D_SHADOW_MAP_FORMAT,
-                usage: TextureUsages::RENDER_ATTACHMENT
-                    | TextureUsages::TEXTURE_BINDING
-                    | TextureUsages::COPY_SRC,
-                view_formats: &[],
-            });
-            *views = (0..layers)
-                .map(|layer| layer_view(&texture, layer))
-                .collect();
-            texture
-        })
-    }
-}
-
-fn layer_view(texture: &Texture, layer: u32) -> TextureView {
-    texture.create_view(&TextureViewDescriptor {
-        label: Some("pssm_shadow_map"),
-        dimension: Some(TextureViewDimension::D2),
-        base_array_layer: layer,
-        array_layer_count: Some(1),
-        ..Default::default()
-    })
 }
 
 /// Bevy's occlusion culling has no late phase for cascades and would drop casters for a frame.
-pub(super) fn forgo_occlusion_culling(
+pub(super) fn disable_occlusion_culling(
     extracted: Res<ExtractedShadows>,
     mut lights: Query<(&MainEntity, &mut ExtractedDirectionalLight)>,
-    mut told: Local<bool>,
+    mut warned: Local<bool>,
 ) {
     for (light, mut extracted_light) in &mut lights {
         if extracted_light.occlusion_culling && extracted.lights.contains_key(light) {
             extracted_light.occlusion_culling = false;
-            if !*told {
-                *told = true;
+            if !*warned {
+                *warned = true;
                 info!(
                     "Light {light:?} is drawn without occlusion culling, which would lose casters"
                 );
@@ -148,292 +93,261 @@ pub(super) fn forgo_occlusion_culling(
     }
 }
 
-/// Nothing is drawn into Bevy's array while its maps live in ours: it need not be large. Unless
-/// slots may run out, which only [`adopt_views`] finds out, too late to make it large again.
-pub(super) fn shrink_stock_maps(
+/// Nothing is drawn into Bevy's array while its maps live in the target: it need not be large.
+/// Unless slots may run out, which only [`adopt_views`] finds out, too late to make it large again.
+pub(super) fn shrink_built_in_maps(
     extracted: Res<ExtractedShadows>,
     target: Res<ShadowTarget>,
     lights: Query<(), With<ExtractedDirectionalLight>>,
-    mut stock: ResMut<DirectionalLightShadowMap>,
+    mut built_in: ResMut<DirectionalLightShadowMap>,
 ) {
     let slots = lights.iter().count() + extracted.lights.len();
-    let unused = !extracted.lights.is_empty() && target.texture.is_some();
-    stock.size = if unused && slots <= MAX_DIRECTIONAL_LIGHTS {
+    let is_unused = !extracted.lights.is_empty() && target.exists();
+    built_in.size = if is_unused && slots <= MAX_DIRECTIONAL_LIGHTS {
         1
     } else {
-        extracted.stock_size
+        extracted.built_in_size
     };
+}
+
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct AdoptingCamera {
+    main: &'static MainEntity,
+    lights: &'static mut ViewLightEntities,
+    bindings: &'static mut ViewShadowBindings,
+    layers: Option<&'static RenderLayers>,
+    subviews: Option<&'static mut OcclusionCullingSubviewEntities>,
+}
+
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct AdoptableView {
+    entity: Entity,
+    light: &'static LightEntity,
+    extracted: &'static mut ExtractedView,
+    shadow: Option<&'static ShadowView>,
+    adopted: Option<&'static AdoptedMap>,
+}
+
+/// The entities that share Bevy's array of maps.
+#[derive(SystemParam)]
+pub(super) struct Adoptable<'w, 's> {
+    sorted_cameras: Res<'w, SortedCameras>,
+    cameras: Query<'w, 's, AdoptingCamera>,
+    views: Query<'w, 's, AdoptableView, Without<ViewLightEntities>>,
+    lights: Query<
+        'w,
+        's,
+        (&'static MainEntity, Option<&'static RenderLayers>),
+        With<ExtractedDirectionalLight>,
+    >,
+    adopted_cameras: Query<'w, 's, Entity, With<AdoptedLights>>,
 }
 
 pub(super) fn adopt_views(
     mut commands: Commands,
     device: Res<RenderDevice>,
     extracted: Res<ExtractedShadows>,
-    sorted_cameras: Res<SortedCameras>,
+    support: Res<ShadowSupport>,
     mut target: ResMut<ShadowTarget>,
-    mut cameras: Query<(
-        &MainEntity,
-        &mut ViewLightEntities,
-        &mut ViewShadowBindings,
-        Option<&RenderLayers>,
-        Option<&mut OcclusionCullingSubviewEntities>,
-    )>,
-    mut views: Query<
-        (
-            Entity,
-            &LightEntity,
-            &mut ExtractedView,
-            Option<&ShadowView>,
-            Option<&AdoptedMap>,
-        ),
-        Without<ViewLightEntities>,
-    >,
-    lights: Query<(&MainEntity, Option<&RenderLayers>), With<ExtractedDirectionalLight>>,
-    adopted_cameras: Query<Entity, With<AdoptedLights>>,
-    left_to_bevy: Res<LeftToBevy>,
+    mut adoptable: Adoptable,
     mut warned: Local<bool>,
 ) {
-    let order: Vec<Entity> = sorted_cameras
-        .0
-        .iter()
-        .map(|camera| camera.entity)
-        .collect();
-    let release = |commands: &mut Commands, target: &mut ShadowTarget| {
-        for (view, light, _, _, adopted) in &views {
-            if adopted.is_some() {
-                commands.entity(view).remove::<AdoptedMap>();
-                if matches!(light, LightEntity::Directional { .. }) {
-                    commands.entity(view).remove::<RootNonCameraView>();
+    let is_wanted = !extracted.lights.is_empty() && support.may_take_over();
+    let layout = is_wanted
+        .then(|| adoptable.request(&extracted, &device))
+        .and_then(|request| match request {
+            Ok(request) => {
+                let layout = layout_layers(&request);
+                support.set_out_of_room(layout.is_none());
+                if layout.is_none() && !*warned {
+                    *warned = true;
+                    warn!(
+                        "Too many shadowed lights or cameras for the plugin's maps: Bevy's pass \
+                         draws the cascades"
+                    );
                 }
+                layout
+            }
+            Err(obstacle) => {
+                support.refuse(obstacle);
+                None
+            }
+        });
+    match layout {
+        Some(layout) if layout.layers > 0 => {
+            target.built_in_size = extracted.built_in_size as u32;
+            adoptable.adopt(&mut commands, &device, &mut target, layout);
+        }
+        _ if target.exists() => {
+            adoptable.release(&mut commands);
+            *target = ShadowTarget::default();
+        }
+        _ => {}
+    }
+}
+
+impl Adoptable<'_, '_> {
+    /// # Errors
+    /// A view's label that has no index.
+    fn request(
+        &self,
+        extracted: &ExtractedShadows,
+        device: &RenderDevice,
+    ) -> Result<LayerRequest, Obstacle> {
+        let limits = device.limits();
+        let mut request = LayerRequest {
+            built_in_size: extracted.built_in_size as u32,
+            max_size: limits.max_texture_dimension_2d,
+            max_layers: limits.max_texture_array_layers,
+            ..LayerRequest::default()
+        };
+        for view in &self.views {
+            if matches!(view.light, LightEntity::Spot { .. }) {
+                let index = match view.shadow {
+                    Some(shadow) => Some(index_in_label(&shadow.pass_name, "spot_light_")?),
+                    None => view.adopted.and_then(|map| map.spot_index),
+                };
+                request
+                    .spots
+                    .extend(index.map(|index| (view.entity, index)));
             }
         }
-        for camera in &adopted_cameras {
-            commands.entity(camera).remove::<AdoptedLights>();
+        for entity in self.sorted_cameras.0.iter().map(|camera| camera.entity) {
+            if let Ok(camera) = self.cameras.get(entity) {
+                let request_of_camera = self.camera_request(entity, &camera, extracted)?;
+                request.cameras.push(request_of_camera);
+            }
         }
-        *target = ShadowTarget::default();
-    };
-    if extracted.lights.is_empty() {
-        if target.texture.is_some() {
-            release(&mut commands, &mut target);
-        }
-        return;
+        Ok(request)
     }
 
-    let max_size = device.limits().max_texture_dimension_2d;
-    let stock_size = (extracted.stock_size as u32).min(max_size);
-    let stock_cascades = order
-        .iter()
-        .filter_map(|camera| Some(cameras.get(*camera).ok()?.1.lights.len()))
-        .max()
-        .unwrap_or(0) as u32;
-
-    let mut maps: Vec<(Entity, AdoptedMap)> = Vec::new();
-    let mut spot_count = 0;
-    for (view, light, _, shadow_view, adopted) in &views {
-        if !matches!(light, LightEntity::Spot { .. }) {
-            continue;
-        }
-        let named = shadow_view.and_then(|view| index_in_name(&view.pass_name, "spot_light_"));
-        let Some(index) = named.or(adopted.and_then(|map| map.spot_index)) else {
-            continue;
+    fn camera_request(
+        &self,
+        entity: Entity,
+        camera: &AdoptingCameraReadOnlyItem,
+        extracted: &ExtractedShadows,
+    ) -> Result<CameraRequest, Obstacle> {
+        let camera_layers = camera.layers.unwrap_or_default();
+        let lights = self.lights.iter().filter(|(_, layers)| {
+            let layers = layers.unwrap_or_default();
+            layers.intersects(camera_layers)
+        });
+        let mut request = CameraRequest {
+            camera: entity,
+            light_count: lights.count().min(MAX_DIRECTIONAL_LIGHTS),
+            built_in_layers: camera.lights.lights.len() as u32,
+            cascades: Vec::new(),
         };
-        spot_count = spot_count.max(index + 1);
-        maps.push((
-            view,
-            AdoptedMap {
-                // Where the shader looks for it: right after the neediest camera's cascades.
-                layer: stock_cascades + index,
-                size: UVec2::splat(stock_size),
-                skip_if_empty: false,
-                spot_index: Some(index),
-            },
-        ));
-    }
-
-    let mut next_layer = 0;
-    let mut records: Vec<(Entity, AdoptedLights)> = Vec::new();
-    for camera in &order {
-        let Ok((camera_main, camera_lights, _, layers, _)) = cameras.get(*camera) else {
-            continue;
-        };
-        let camera_layers = layers.cloned().unwrap_or_default();
-        let mut record = AdoptedLights {
-            lights: Vec::new(),
-            light_count: lights
-                .iter()
-                .filter(|(_, layers)| {
-                    layers
-                        .cloned()
-                        .unwrap_or_default()
-                        .intersects(&camera_layers)
-                })
-                .count()
-                .min(MAX_DIRECTIONAL_LIGHTS),
-        };
-        let mut previous = None;
-        for view in &camera_lights.lights {
-            let Ok((
-                _,
+        for view in camera.lights.lights.iter() {
+            let Ok(view) = self.views.get(*view) else {
+                continue;
+            };
+            let (
                 LightEntity::Directional {
                     light_entity,
                     cascade_index,
                 },
-                _,
-                Some(shadow_view),
-                _,
-            )) = views.get(*view)
+                Some(shadow),
+            ) = (view.light, view.shadow)
             else {
                 continue;
             };
-            let Some(index) = index_in_name(&shadow_view.pass_name, "directional_light_") else {
-                continue;
-            };
-            let managed = lights
-                .get(*light_entity)
-                .ok()
-                .and_then(|(main, _)| extracted.lights.get(main));
-            let own = managed
-                .and_then(|light| light.views.get(camera_main))
-                .map(|cascades| cascades.get(*cascade_index).copied().unwrap_or(NO_MAP));
-            if previous != Some(*light_entity) {
-                previous = Some(*light_entity);
-                record.lights.push(AdoptedLight {
-                    index,
-                    base_layer: next_layer,
-                    options: managed.map(|light| light.options).unwrap_or_default(),
-                    cascades: Vec::new(),
-                });
-            }
-            if let Some(light) = record.lights.last_mut() {
-                light.cascades.push((*view, own));
-            }
-            maps.push((
-                *view,
-                AdoptedMap {
-                    layer: next_layer,
-                    size: own.map_or(UVec2::splat(stock_size), |cascade| {
-                        cascade.map_size.min(UVec2::splat(max_size))
-                    }),
-                    skip_if_empty: own.is_some(),
-                    spot_index: None,
-                },
-            ));
-            next_layer += 1;
-            if next_layer == stock_cascades {
-                next_layer += spot_count;
-            }
+            let main = self.lights.get(*light_entity).ok().map(|(main, _)| main);
+            let managed = main.and_then(|main| extracted.lights.get(main));
+            let cascades = managed.and_then(|light| light.views.get(camera.main));
+            request.cascades.push(CascadeRequest {
+                view: view.entity,
+                light: *light_entity,
+                light_index: index_in_label(&shadow.pass_name, "directional_light_")?,
+                options: managed.map(|light| light.options).unwrap_or_default(),
+                cascade: cascades.map(|cascades| {
+                    let cascade = cascades.get(*cascade_index).copied();
+                    cascade.unwrap_or(ExtractedCascade::NO_MAP)
+                }),
+            });
         }
-        // The next camera starts behind the spot lights' maps.
-        next_layer = next_layer.max(stock_cascades + spot_count);
-        records.push((*camera, record));
+        Ok(request)
     }
 
-    let layers = maps.iter().map(|(_, map)| map.layer + 1).max().unwrap_or(0);
-    let slots_needed = |record: &AdoptedLights| {
-        let own = record.lights.iter().filter(|light| light.is_ours()).count();
-        record.light_count + own.max(1)
-    };
-    let too_many = layers > device.limits().max_texture_array_layers
-        || records
-            .iter()
-            .any(|(_, record)| slots_needed(record) > MAX_DIRECTIONAL_LIGHTS);
-    left_to_bevy.set(too_many);
-    if layers == 0 || too_many {
-        if too_many && !*warned {
-            *warned = true;
-            warn!(
-                "Too many shadowed lights or cameras for own maps: Bevy's pass draws the cascades"
-            );
+    fn adopt(
+        &mut self,
+        commands: &mut Commands,
+        device: &RenderDevice,
+        target: &mut ShadowTarget,
+        layout: LayerLayout,
+    ) {
+        let texture = target.resize(device, layout.size, layout.layers).clone();
+        let array = ShadowTarget::array_view(&texture);
+        for mut camera in &mut self.cameras {
+            camera.bindings.directional_light_depth_texture = texture.clone();
+            camera.bindings.directional_light_depth_texture_view = array.clone();
+            if let Some(mut subviews) = camera.subviews {
+                subviews.0.clear();
+            }
+            // Bevy's per-camera pass has nothing left to draw.
+            camera.lights.lights.clear();
         }
-        release(&mut commands, &mut target);
-        return;
-    }
-
-    let size = maps
-        .iter()
-        .map(|(_, map)| map.size)
-        .reduce(UVec2::max)
-        .unwrap_or(UVec2::splat(stock_size));
-    target.stock_size = stock_size;
-    let texture = target.fit(&device, size, layers).clone();
-    let array = texture.create_view(&TextureViewDescriptor {
-        label: Some("pssm_shadow_map_array"),
-        dimension: Some(TextureViewDimension::D2Array),
-        aspect: TextureAspect::DepthOnly,
-        ..Default::default()
-    });
-    for (_, mut camera_lights, mut bindings, _, subviews) in &mut cameras {
-        bindings.directional_light_depth_texture = texture.clone();
-        bindings.directional_light_depth_texture_view = array.clone();
-        if let Some(mut subviews) = subviews {
-            subviews.0.clear();
-        }
-        // Bevy's per-camera pass has nothing left to draw.
-        camera_lights.lights.clear();
-    }
-    for (view, map) in maps {
-        if let Ok((_, _, mut extracted_view, _, adopted)) = views.get_mut(view) {
-            extracted_view.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
-            if adopted != Some(&map) {
+        for (view, map) in layout.maps {
+            if let Ok(mut it) = self.views.get_mut(view) {
+                it.extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
+                if it.adopted != Some(&map) {
+                    commands
+                        .entity(view)
+                        .insert((map, RootNonCameraView(Core3d.intern())));
+                }
                 commands
                     .entity(view)
-                    .insert((map, RootNonCameraView(Core3d.intern())));
+                    .remove::<(ShadowView, OcclusionCulling, OcclusionCullingSubview)>();
             }
-            commands
-                .entity(view)
-                .remove::<(ShadowView, OcclusionCulling, OcclusionCullingSubview)>();
+        }
+        // A camera that is no longer drawn must not write into the others' uniform.
+        for camera in &self.adopted_cameras {
+            if layout.cameras.iter().all(|(drawn, _)| *drawn != camera) {
+                commands.entity(camera).remove::<AdoptedLights>();
+            }
+        }
+        for (camera, lights) in layout.cameras {
+            commands.entity(camera).insert(lights);
         }
     }
-    // A camera that is no longer drawn must not write into the others' uniform.
-    for camera in &adopted_cameras {
-        if records.iter().all(|(recorded, _)| *recorded != camera) {
+
+    /// Leaves all views to Bevy.
+    fn release(&self, commands: &mut Commands) {
+        for view in self.views.iter().filter(|view| view.adopted.is_some()) {
+            commands.entity(view.entity).remove::<AdoptedMap>();
+            if matches!(view.light, LightEntity::Directional { .. }) {
+                commands.entity(view.entity).remove::<RootNonCameraView>();
+            }
+        }
+        for camera in &self.adopted_cameras {
             commands.entity(camera).remove::<AdoptedLights>();
         }
-    }
-    for (camera, record) in records {
-        commands.entity(camera).insert(record);
-    }
-}
-
-/// A cascade that exists for Bevy but has no plan: its light or camera is degenerate.
-const NO_MAP: ExtractedCascade = ExtractedCascade {
-    map_size: UVec2::splat(crate::config::MIN_MAP_SIZE),
-    has_map: false,
-    texel: [0.0; 2],
-    depth_per_meter: 0.0,
-    blend_start: f32::MAX,
-    far: f32::MAX,
-    wedge: None,
-};
-
-impl AdoptedLight {
-    pub fn is_ours(&self) -> bool {
-        self.cascades.iter().any(|(_, own)| own.is_some())
     }
 }
 
 /// Bevy publishes the position of a light in its uniform and of a spot light among spot lights
-/// in the names of their passes only.
-fn index_in_name(pass_name: &str, kind: &str) -> Option<u32> {
-    let (_, rest) = pass_name.split_once(kind)?;
-    rest.split('_').next()?.parse().ok()
+/// in the labels of their passes only.
+fn index_in_label(label: &str, kind: &str) -> Result<u32, Obstacle> {
+    let rest = label.split_once(kind).map(|(_, rest)| rest);
+    let number = rest.and_then(|rest| rest.split('_').next()?.parse().ok());
+    number.ok_or_else(|| Obstacle::PassLabel(label.to_owned()))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::index_in_name;
+    use super::index_in_label;
 
     #[test]
-    fn light_indices_are_read_off_pass_names() {
-        let name = "shadow_directional_light_7_cascade_3";
-        assert_eq!(index_in_name(name, "directional_light_"), Some(7));
+    fn light_indices_are_read_off_pass_labels() {
+        let label = "shadow_directional_light_7_cascade_3";
+        assert_eq!(index_in_label(label, "directional_light_"), Ok(7));
         assert_eq!(
-            index_in_name("shadow_spot_light_12", "spot_light_"),
-            Some(12)
+            index_in_label("shadow_spot_light_12", "spot_light_"),
+            Ok(12)
         );
-        assert_eq!(
-            index_in_name("shadow_point_light_1_face", "spot_light_"),
-            None
-        );
+        assert!(index_in_label("shadow_point_light_1_face", "spot_light_").is_err());
+        assert!(index_in_label("shadow_spot_light_x", "spot_light_").is_err());
     }
 }

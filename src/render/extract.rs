@@ -8,7 +8,7 @@ use bevy::{
     },
     ecs::{
         entity::Entity,
-        query::With,
+        query::{QueryData, With},
         resource::Resource,
         system::{Local, Query, Res, ResMut, SystemState},
         world::World,
@@ -24,9 +24,10 @@ use bevy::{
 
 use super::options::LookupOptions;
 use crate::{
+    config::MIN_MAP_SIZE,
     debug::ShadowOverlay,
     plan::CascadePlan,
-    systems::{ManagedLight, ShadowPlans, parked_cascade},
+    systems::{ManagedLight, ShadowPlans, empty_cascade},
 };
 
 /// What the render world needs to know of the managed lights' plans.
@@ -34,7 +35,7 @@ use crate::{
 pub(crate) struct ExtractedShadows {
     pub lights: MainEntityHashMap<ExtractedLight>,
     /// Texels per side of Bevy's maps, as the game wants them.
-    pub stock_size: usize,
+    pub built_in_size: usize,
     pub overlay: ShadowOverlay,
 }
 
@@ -45,7 +46,7 @@ pub(crate) struct ExtractedLight {
     pub views: MainEntityHashMap<Vec<ExtractedCascade>>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ExtractedCascade {
     pub map_size: UVec2,
     pub has_map: bool,
@@ -59,10 +60,23 @@ pub(crate) struct ExtractedCascade {
 }
 
 /// The side of the view that a cascade is for, and the outward normals of its wedge's planes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ExtractedWedge {
     pub side: usize,
     pub normals: [Vec3; 2],
+}
+
+impl ExtractedCascade {
+    /// A cascade that exists for Bevy but has no plan: its light or camera is degenerate.
+    pub const NO_MAP: Self = Self {
+        map_size: UVec2::splat(MIN_MAP_SIZE),
+        has_map: false,
+        texel: [0.0; 2],
+        depth_per_meter: 0.0,
+        blend_start: f32::MAX,
+        far: f32::MAX,
+        wedge: None,
+    };
 }
 
 impl From<&CascadePlan> for ExtractedCascade {
@@ -90,9 +104,9 @@ pub(super) fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
     lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
     overlay: Extract<Res<ShadowOverlay>>,
-    stock: Extract<Res<DirectionalLightShadowMap>>,
+    built_in: Extract<Res<DirectionalLightShadowMap>>,
 ) {
-    extracted.stock_size = stock.size;
+    extracted.built_in_size = built_in.size;
     extracted.overlay = **overlay;
     extracted.lights.clear();
     for (light, managed, plans, directional) in &lights {
@@ -117,19 +131,19 @@ pub(super) fn extract_shadows(
     }
 }
 
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct LateLight {
+    light: &'static DirectionalLight,
+    config: &'static CascadeShadowConfig,
+    cascades: &'static mut Cascades,
+    frusta: &'static mut CascadesFrusta,
+    lists: &'static mut CascadesVisibleEntities,
+}
+
 type LateViews<'w, 's> = (
     Query<'w, 's, (Entity, &'static Camera), With<Camera3d>>,
-    Query<
-        'w,
-        's,
-        (
-            &'static DirectionalLight,
-            &'static CascadeShadowConfig,
-            &'static mut Cascades,
-            &'static mut CascadesFrusta,
-            &'static mut CascadesVisibleEntities,
-        ),
-    >,
+    Query<'w, 's, LateLight>,
 );
 
 /// Bevy's renderer expects every active camera in every shadowed light's maps and panics over
@@ -144,23 +158,23 @@ pub(super) fn fill_missing_views(
     let Ok((cameras, mut lights)) = state.get_mut(world) else {
         return;
     };
-    for (light, config, mut cascades, mut frusta, mut lists) in &mut lights {
-        if !light.shadow_maps_enabled {
+    for mut it in &mut lights {
+        if !it.light.shadow_maps_enabled {
             continue;
         }
-        let count = config.bounds.len();
+        let count = it.config.bounds.len();
         for (camera, _) in cameras.iter().filter(|(_, camera)| camera.is_active) {
-            let complete = |len: Option<usize>| len == Some(count);
-            let has_cascades = complete(cascades.cascades.get(&camera).map(Vec::len));
-            let has_frusta = complete(frusta.frusta.get(&camera).map(Vec::len));
-            if has_cascades && has_frusta && lists.entities.contains_key(&camera) {
+            let is_complete = |len: Option<usize>| len == Some(count);
+            let has_cascades = is_complete(it.cascades.cascades.get(&camera).map(Vec::len));
+            let has_frusta = is_complete(it.frusta.frusta.get(&camera).map(Vec::len));
+            if has_cascades && has_frusta && it.lists.entities.contains_key(&camera) {
                 continue;
             }
-            let parked = parked_cascade();
-            let frustum = Frustum(ViewFrustum::from_clip_from_world(&parked.clip_from_world));
-            cascades.cascades.insert(camera, vec![parked; count]);
-            frusta.frusta.insert(camera, vec![frustum; count]);
-            lists
+            let empty = empty_cascade();
+            let frustum = Frustum(ViewFrustum::from_clip_from_world(&empty.clip_from_world));
+            it.cascades.cascades.insert(camera, vec![empty; count]);
+            it.frusta.frusta.insert(camera, vec![frustum; count]);
+            it.lists
                 .entities
                 .insert(camera, vec![Default::default(); count]);
         }

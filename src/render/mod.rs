@@ -7,36 +7,39 @@
 
 mod adopt;
 mod extract;
+mod layout;
 mod options;
 mod pass;
+mod shader_features;
+mod target;
 mod uniform;
 
-pub use adopt::{AdoptedMap, ShadowTarget};
+pub use adopt::AdoptedMap;
 pub use pass::{SHADOW_PASS_SPAN, shadow_map_pass};
+pub use target::ShadowTarget;
 
 pub(crate) use extract::ExtractedShadows;
 
 use bevy::{
-    app::App,
+    app::{App, PostUpdate},
+    asset::AssetEventSystems,
     core_pipeline::schedule::{Core3d, Core3dSystems},
-    ecs::{
-        resource::Resource,
-        schedule::{IntoScheduleConfigs, SystemSet},
-    },
-    log::warn,
+    ecs::schedule::{IntoScheduleConfigs, SystemSet},
     pbr::{
-        MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS, extract_lights,
+        GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS, extract_lights,
         main_build_indirect_parameters, prepare_lights,
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
-        renderer::RenderDevice, settings::WgpuFeatures,
+        render_resource::ShaderType, renderer::RenderDevice, settings::WgpuFeatures,
     },
 };
 
 use crate::{
-    config::{MAX_CASCADES, MaxMapSize},
+    config::MAX_CASCADES,
     shaders,
+    support::{Obstacle, Requirements, ShadowSupport},
+    systems::PssmSystems,
 };
 
 /// The plugin's system sets in the render world.
@@ -52,47 +55,24 @@ pub enum PssmRenderSystems {
     DrawMaps,
 }
 
-/// Whether the GPU can hold our maps.
-#[derive(Resource, Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct GpuSupport {
-    layers: u32,
-    depth_clip_control: bool,
-}
-
-impl Default for GpuSupport {
-    fn default() -> Self {
-        // Without a renderer (servers, tests) planning goes on as though there were one.
-        Self {
-            layers: u32::MAX,
-            depth_clip_control: true,
-        }
-    }
-}
-
-impl GpuSupport {
-    /// An array texture needs room for one light's cascades at least, and the uniform for a
-    /// light and its data; WebGL2 has neither.
-    pub(crate) fn shadows(self) -> bool {
-        MAX_DIRECTIONAL_LIGHTS > 1
-            && MAX_CASCADES_PER_LIGHT >= MAX_CASCADES
-            && self.layers >= MAX_CASCADES as u32
-    }
-
-    /// Bevy's stand-in for unclipped depth does not divide by w.
-    pub(crate) fn warps(self) -> bool {
-        self.depth_clip_control
-    }
-}
-
 pub(crate) fn build(app: &mut App) {
     if app.get_sub_app(RenderApp).is_none() {
         return;
     }
     shaders::build(app);
+    app.init_resource::<Requirements>().add_systems(
+        PostUpdate,
+        (shader_features::add_needed, shaders::replace_shadow_module)
+            .chain()
+            .after(PssmSystems::ManageLights)
+            .before(AssetEventSystems),
+    );
+    let support = app.world().resource::<ShadowSupport>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
     render_app
+        .insert_resource(support)
         .init_resource::<ExtractedShadows>()
         .init_gpu_resource::<ShadowTarget>()
         .add_systems(
@@ -105,7 +85,10 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(
             Render,
             (
-                (adopt::forgo_occlusion_culling, adopt::shrink_stock_maps)
+                (
+                    adopt::disable_occlusion_culling,
+                    adopt::shrink_built_in_maps,
+                )
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
                 adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
@@ -139,15 +122,27 @@ pub(crate) fn finish(app: &mut App) {
     else {
         return;
     };
-    app.world()
-        .resource::<MaxMapSize>()
-        .set(limits.max_texture_dimension_2d);
-    let support = GpuSupport {
-        layers: limits.max_texture_array_layers,
-        depth_clip_control: features.contains(WgpuFeatures::DEPTH_CLIP_CONTROL),
-    };
-    if !support.shadows() {
-        warn!("This GPU has no array textures: Bevy's own shadows stay in force");
+    let support = app.world().resource::<ShadowSupport>();
+    support.set_device(
+        limits.max_texture_dimension_2d,
+        features.contains(WgpuFeatures::DEPTH_CLIP_CONTROL),
+    );
+    let Requirements {
+        array_layers: needed,
+        light_bytes: expected,
+    } = *app.world().resource::<Requirements>();
+    let found = limits.max_texture_array_layers;
+    if found < needed {
+        support.refuse(Obstacle::ArrayLayers { found, needed });
     }
-    app.insert_resource(support);
+    if MAX_DIRECTIONAL_LIGHTS < 2 || MAX_CASCADES_PER_LIGHT < MAX_CASCADES {
+        support.refuse(Obstacle::LightSlots {
+            lights: MAX_DIRECTIONAL_LIGHTS,
+            cascades: MAX_CASCADES_PER_LIGHT,
+        });
+    }
+    let found = GpuDirectionalLight::min_size().get();
+    if found != expected {
+        support.refuse(Obstacle::LightBytes { found, expected });
+    }
 }

@@ -5,9 +5,10 @@ use bevy::light::DirectionalLight;
 use crate::{
     config::{
         CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, ParallelSplitShadows,
-        ShadowBias, ShadowFilter, depth_multiplier, normal_multiplier,
+        ShadowBias, ShadowFilter,
     },
     geometry::bias::{LEAST_SLOPE, TAP_REACH},
+    plan::{bias_scales, filter_of},
     shaders::code,
 };
 
@@ -27,19 +28,19 @@ pub(crate) struct LookupOptions {
 
 impl LookupOptions {
     pub fn new(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
-        let kind = config.filter_for(light);
+        let kind = filter_of(config, light);
         let (filter, size, in_meters) = match kind {
             ShadowFilter::Camera => (code::FILTER_CAMERA, 1.0, false),
             ShadowFilter::Hardware2x2 => (code::FILTER_HARDWARE, 1.0, false),
             ShadowFilter::Tent(radius) => with_radius(code::FILTER_TENT, radius),
             ShadowFilter::Temporal(radius) => with_radius(code::FILTER_TEMPORAL, radius),
             ShadowFilter::Soft { sun_degrees } => {
-                let tangent = (0.5 * sun_degrees).to_radians().tan();
+                let tangent = (0.5 * f64::from(sun_degrees)).to_radians().tan();
                 (code::FILTER_SOFT, tangent as f32, false)
             }
         };
-        let (bias, parameters) = match config.bias {
-            ShadowBias::Automatic => (code::BIAS_AUTOMATIC, [TAP_REACH, LEAST_SLOPE]),
+        let (bias, parameters) = match config.comparison.bias {
+            ShadowBias::Automatic => (code::BIAS_AUTOMATIC, [TAP_REACH as f32, LEAST_SLOPE as f32]),
             ShadowBias::Constant { meters } => (code::BIAS_CONSTANT, [meters, 0.0]),
             ShadowBias::SlopeScaled { factor, meters } => {
                 (code::BIAS_SLOPE_SCALED, [meters, factor])
@@ -47,10 +48,11 @@ impl LookupOptions {
             ShadowBias::NormalOffset { texels } => (code::BIAS_NORMAL_OFFSET, [texels, 0.0]),
             ShadowBias::ReceiverPlane { meters } => (code::BIAS_RECEIVER_PLANE, [meters, 0.0]),
         };
-        let side = match config.caster_faces {
+        let side = match config.comparison.caster_faces {
             CasterFaces::Front => 1.0,
             CasterFaces::Back => -1.0,
         };
+        let [slope_scale, constant_scale] = bias_scales(light);
         let flag = |set: bool| f32::from(u8::from(set));
         Self {
             filter: [
@@ -61,23 +63,19 @@ impl LookupOptions {
             ],
             bias: [
                 bias as f32,
-                parameters[0] as f32,
-                parameters[1] as f32,
-                flag(config.depth == DepthDistribution::Linear),
+                parameters[0],
+                parameters[1],
+                flag(config.comparison.depth == DepthDistribution::Linear),
             ],
-            bias_scale: [
-                normal_multiplier(light.shadow_normal_bias) as f32,
-                depth_multiplier(light.shadow_depth_bias) as f32,
-                side,
-            ],
-            border: kind.reach_texels(config.has_square_texels()) as f32,
+            bias_scale: [slope_scale as f32, constant_scale as f32, side],
+            border: kind.reach_texels(config.has_square_texels()),
         }
     }
 }
 
 fn with_radius(kind: u32, radius: FilterRadius) -> (u32, f32, bool) {
     match radius {
-        FilterRadius::Texels(texels) => (kind, texels as f32, false),
-        FilterRadius::Meters(meters) => (kind, meters as f32, true),
+        FilterRadius::Texels(texels) => (kind, texels, false),
+        FilterRadius::Meters(meters) => (kind, meters, true),
     }
 }

@@ -1,4 +1,4 @@
-//! The own pass: draws one adopted map through Bevy's caster phase.
+//! The pass that draws one adopted map through Bevy's caster phase.
 
 use bevy::{
     ecs::{entity::Entity, system::Res, world::World},
@@ -15,14 +15,14 @@ use bevy::{
     },
 };
 
-use super::adopt::{AdoptedMap, ShadowTarget};
+use super::{adopt::AdoptedMap, target::ShadowTarget};
 
 /// Name under which `RenderDiagnosticsPlugin` reports map `i` of the target (the first camera's
 /// cascades come first): `render/pssm_shadow_map_{i}/elapsed_gpu`, `…/vertex_shader_invocations`
 /// and so on.
 pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
 
-/// Draws the map of the current root view, if it is one of ours. Runs in `Core3d`.
+/// Draws the map of the current root view, if the plugin has adopted it. Runs in `Core3d`.
 pub fn shadow_map_pass(
     world: &World,
     view: ViewQuery<(Entity, &AdoptedMap, &ExtractedView)>,

@@ -24,14 +24,15 @@ use crate::{
 
 use super::{
     ExtractedShadows,
-    adopt::{AdoptedLight, AdoptedLights, ShadowTarget},
+    adopt::{AdoptedLight, AdoptedLights},
     options::LookupOptions,
+    target::ShadowTarget,
 };
 
 /// Bytes of a light in the uniform, and where its fields lie (std140; `GpuDirectionalLight` of
 /// `bevy_pbr` 0.20 keeps its fields private).
 mod layout {
-    pub const LIGHT: usize = 400;
+    pub(super) use crate::support::LIGHT_BYTES as LIGHT;
     pub const CASCADE: usize = 80;
     /// A column of a cascade's matrix, which comes first in it.
     pub const COLUMN: usize = 16;
@@ -83,23 +84,23 @@ pub(super) fn write_uniforms(
             layout::DIR_TO_LIGHT,
             &[
                 SLOT_MARK as f32,
-                target.stock_size as f32,
+                target.built_in_size as f32,
                 overlay_code(extracted.overlay) as f32,
             ],
         );
         let uv_per_texel = target.size.as_vec2().recip().to_array();
         write_at(&mut slots[0], layout::SHADOW_DEPTH_BIAS, &uv_per_texel);
-        let mut ours = 0;
+        let mut managed = 0;
         for light in &adopted.lights {
             let index = light.index as usize;
             lights.write(index, layout::BASE_INDEX, &light.base_layer.to_ne_bytes());
-            if !light.is_ours() {
+            if !light.is_managed() {
                 continue;
             }
-            if ours == slots.len() {
+            if managed == slots.len() {
                 slots.push([0.0; layout::LIGHT / 4]);
             }
-            fill_slot(&mut slots[ours], light, is_drawn);
+            fill_slot(&mut slots[managed], light, is_drawn);
             for cascade in 0..light.cascades.len() {
                 // Bevy's texel sizes are positive: the sign tells the shader whose light it is.
                 let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
@@ -108,9 +109,9 @@ pub(super) fn write_uniforms(
             lights.write(
                 index,
                 layout::OVERLAP,
-                &((last - ours) as f32).to_ne_bytes(),
+                &((last - managed) as f32).to_ne_bytes(),
             );
-            ours += 1;
+            managed += 1;
         }
         for (position, slot) in slots.iter().enumerate() {
             let bytes: Vec<u8> = slot.iter().flat_map(|value| value.to_ne_bytes()).collect();

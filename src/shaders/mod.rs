@@ -5,22 +5,19 @@
 //! exactly right, so the replacement *is* Bevy's text, with its directional functions renamed
 //! and ours, which choose between the two, put in their place.
 
-mod parts;
+mod features;
 
-pub(crate) use parts::LeftToBevy;
-pub use parts::ShaderParts;
+pub use features::ShaderFeatures;
 
 use bevy::{
-    app::{App, PostUpdate},
-    asset::{AssetEventSystems, AssetServer, Assets, Handle},
+    app::App,
+    asset::{AssetServer, Assets, Handle},
     ecs::{
         resource::Resource,
-        schedule::IntoScheduleConfigs,
         system::{Res, ResMut},
         world::{FromWorld, World},
     },
     log::error,
-    render::RenderApp,
     shader::{Shader, ShaderDefVal, Source, load_shader_library},
 };
 
@@ -28,12 +25,11 @@ use crate::{
     config::{GAUSSIAN_TEXELS, MAX_FILTER_TEXELS, TEMPORAL_TEXELS},
     debug::GRID_TEXELS,
     geometry::bias,
-    render::GpuSupport,
-    systems::PssmSystems,
+    support::{Obstacle, ShadowSupport},
 };
 
 /// Where Bevy keeps the module.
-const STOCK_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
+const BUILT_IN_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
 
 /// Marks the uniform slot that holds our data: no component of a direction is this large.
 pub(crate) const SLOT_MARK: u32 = 20_607;
@@ -99,7 +95,7 @@ import bevy_pssm::shaders::{
     directional::{
         cascade_at_depth, cascade_overlay, fetch_split_shadow, fog_lookup, sample_from_cascade,
     },
-    slot::{is_managed, stock_uv_scale},
+    slot::{is_managed, built_in_uv_scale},
 };
 ";
 
@@ -116,32 +112,26 @@ const RENAMED: [&str; 5] = [
 const REDIRECTED: [[&str; 2]; 2] = [
     [
         "return sample_shadow_map(",
-        "return sample_stock_shadow_map(",
+        "return sample_built_in_shadow_map(",
     ],
     [
         "return sample_shadow_map_pcss(",
-        "return sample_stock_shadow_map_pcss(",
+        "return sample_built_in_shadow_map_pcss(",
     ],
 ];
 
 #[derive(Resource)]
 pub(crate) struct ShadowModule {
-    stock: Handle<Shader>,
-    text: Option<Replacement>,
-    compiled: Option<ShaderParts>,
-}
-
-/// The text that takes Bevy's place.
-enum Replacement {
-    Known(String),
-    /// Bevy's is not the one of this release.
-    Impossible,
+    built_in: Handle<Shader>,
+    /// The text that takes its place.
+    text: Option<String>,
+    compiled: Option<ShaderFeatures>,
 }
 
 impl FromWorld for ShadowModule {
     fn from_world(world: &mut World) -> Self {
         Self {
-            stock: world.resource::<AssetServer>().load(STOCK_PATH),
+            built_in: world.resource::<AssetServer>().load(BUILT_IN_PATH),
             text: None,
             compiled: None,
         }
@@ -154,61 +144,51 @@ pub(crate) fn build(app: &mut App) {
     load_shader_library!(app, "filter.wesl");
     load_shader_library!(app, "overlay.wesl");
     load_shader_library!(app, "directional.wesl");
-    let left_to_bevy = LeftToBevy::default();
-    if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
-        render_app.insert_resource(left_to_bevy.clone());
-    }
-    app.insert_resource(left_to_bevy);
-    app.init_resource::<ShadowModule>().add_systems(
-        PostUpdate,
-        (parts::add_needed_parts, replace_shadow_module)
-            .chain()
-            .after(PssmSystems::ManageLights)
-            .before(AssetEventSystems),
-    );
+    app.init_resource::<ShadowModule>();
 }
 
 /// Replaces the module as soon as it has loaded; sooner, the load would undo it. And again
 /// whenever parts are added.
-fn replace_shadow_module(
+pub(crate) fn replace_shadow_module(
     mut module: ResMut<ShadowModule>,
     mut shaders: ResMut<Assets<Shader>>,
-    parts: Res<ShaderParts>,
-    support: Res<GpuSupport>,
+    parts: Res<ShaderFeatures>,
+    support: Res<ShadowSupport>,
 ) {
-    if module.compiled == Some(*parts) || !support.shadows() {
+    if module.compiled == Some(*parts) || !support.may_take_over() {
         return;
     }
     let module = &mut *module;
     if module.text.is_none() {
-        let Some(stock) = shaders.get(&module.stock) else {
+        let Some(built_in) = shaders.get(&module.built_in) else {
             return;
         };
-        let text = match &stock.source {
+        let text = match &built_in.source {
             Source::Wesl(text) => replacement_for(text),
-            _ => None,
+            _ => Err("WESL".to_owned()),
         };
-        if text.is_none() {
-            error!(
-                "{STOCK_PATH} is not the one of Bevy 0.20: shadows of managed lights will be wrong"
-            );
+        match text {
+            Ok(text) => module.text = Some(text),
+            Err(missing) => support.refuse(Obstacle::ShaderModule {
+                path: BUILT_IN_PATH,
+                missing,
+            }),
         }
-        module.text = Some(text.map_or(Replacement::Impossible, Replacement::Known));
     }
-    let Some(Replacement::Known(text)) = &module.text else {
+    let Some(text) = &module.text else {
         return;
     };
-    let mut shader = Shader::from_wesl(text.clone(), STOCK_PATH);
+    let mut shader = Shader::from_wesl(text.clone(), BUILT_IN_PATH);
     shader.shader_defs = shader_defs(*parts);
-    if let Err(err) = shaders.insert(&module.stock, shader) {
-        error!("Could not replace {STOCK_PATH}: {err}");
+    if let Err(err) = shaders.insert(&module.built_in, shader) {
+        error!("Could not replace {BUILT_IN_PATH}: {err}");
     }
     module.compiled = Some(*parts);
 }
 
 /// Constants that the library shares with Rust, the parts that are in, and the switch that makes
 /// Bevy call `cascade_debug_visualization`.
-pub fn shader_defs(parts: ShaderParts) -> Vec<ShaderDefVal> {
+pub fn shader_defs(parts: ShaderFeatures) -> Vec<ShaderDefVal> {
     let mut defs: Vec<ShaderDefVal> = CONSTANTS
         .iter()
         .map(|(name, value)| ShaderDefVal::UInt((*name).into(), *value))
@@ -225,21 +205,24 @@ pub fn shader_defs(parts: ShaderParts) -> Vec<ShaderDefVal> {
     defs
 }
 
-/// The text that replaces Bevy's module of text `stock`; `None` if that lacks what is renamed
-/// or redirected.
-pub fn replacement_for(stock: &str) -> Option<String> {
-    let mut text = stock.to_owned();
+/// The text that replaces Bevy's module of text `built_in`.
+///
+/// # Errors
+/// What that lacks of what is renamed or redirected.
+pub fn replacement_for(built_in: &str) -> Result<String, String> {
+    let mut text = built_in.to_owned();
     for name in RENAMED {
-        if !text.contains(&format!("fn {name}(")) {
-            return None;
+        let function = format!("fn {name}(");
+        if !text.contains(&function) {
+            return Err(function);
         }
-        text = text.replace(&format!("{name}("), &format!("stock_{name}("));
+        text = text.replace(&format!("{name}("), &format!("built_in_{name}("));
     }
     for [from, to] in REDIRECTED {
         if !text.contains(from) {
-            return None;
+            return Err(from.to_owned());
         }
         text = text.replace(from, to);
     }
-    Some([IMPORTS, &text, include_str!("shadows.wesl")].concat())
+    Ok([IMPORTS, &text, include_str!("shadows.wesl")].concat())
 }

@@ -12,19 +12,22 @@ use bevy::{
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap},
-        query::{Has, With, Without},
+        query::{Has, QueryData, With, Without},
         system::{Local, Query, Res},
     },
     light::{Cascades, DirectionalLight, NotShadowCaster, SpotLight},
-    math::{Affine3A, DMat3, DVec3},
     mesh::Mesh3d,
     shape::ViewFrustum,
     transform::components::GlobalTransform,
     utils::Parallel,
 };
 
-use super::{ManagedLight, ShadowPlans, plan::published_cascade};
-use crate::{config::CasterCulling, plan::CascadePlan};
+use super::{
+    ManagedLight, ShadowPlans,
+    gather::world_bounds,
+    publish::{empty_cascade, published_cascade},
+};
+use crate::{config::CasterCulling, geometry::oriented_box::OrientedBox, plan::CascadePlan};
 
 /// The first and last cascade that a caster is drawn into. One in between may do without it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,16 +57,18 @@ impl CasterCascades {
     }
 }
 
-type Caster<'a> = (
-    Entity,
-    &'a InheritedVisibility,
-    &'a mut ViewVisibility,
-    Option<&'a RenderLayers>,
-    Option<&'a Aabb>,
-    Option<&'a GlobalTransform>,
-    Has<VisibilityRange>,
-    Has<NoFrustumCulling>,
-);
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub struct Caster {
+    entity: Entity,
+    inherited: &'static InheritedVisibility,
+    visibility: &'static mut ViewVisibility,
+    layers: Option<&'static RenderLayers>,
+    aabb: Option<&'static Aabb>,
+    transform: Option<&'static GlobalTransform>,
+    has_range: Has<VisibilityRange>,
+    is_unculled: Has<NoFrustumCulling>,
+}
 
 type IsCaster = (
     Without<NotShadowCaster>,
@@ -72,92 +77,79 @@ type IsCaster = (
     With<Mesh3d>,
 );
 
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub struct CulledLight {
+    light: &'static DirectionalLight,
+    managed: &'static ManagedLight,
+    plans: &'static ShadowPlans,
+    visibility: &'static ViewVisibility,
+    layers: Option<&'static RenderLayers>,
+    casters: &'static mut CasterCascades,
+    cascades: &'static mut Cascades,
+    frusta: &'static mut CascadesFrusta,
+    lists: &'static mut CascadesVisibleEntities,
+}
+
 /// Finds the casters of each cascade, and publishes cascades, frusta and lists in Bevy's
 /// components. Runs in [`PssmSystems::CullCasters`](super::PssmSystems::CullCasters).
 pub fn cull_casters(
-    mut lights: Query<
-        (
-            &DirectionalLight,
-            &ManagedLight,
-            &ShadowPlans,
-            &ViewVisibility,
-            Option<&RenderLayers>,
-            &mut CasterCascades,
-            &mut Cascades,
-            &mut CascadesFrusta,
-            &mut CascadesVisibleEntities,
-        ),
-        Without<SpotLight>,
-    >,
+    mut lights: Query<CulledLight, Without<SpotLight>>,
     mut casters: Query<Caster, IsCaster>,
     ranges: Option<Res<VisibleEntityRanges>>,
     mut found: Local<Parallel<Vec<(Entity, u8)>>>,
 ) {
-    for (light, managed, plans, visible, layers, mut record, mut cascades, mut frusta, mut lists) in
-        &mut lights
-    {
-        record.views.clear();
-        let Some(config) = managed.config() else {
+    for mut it in &mut lights {
+        it.casters.views.clear();
+        let Some(config) = it.managed.config() else {
             continue;
         };
         let count = config.cascades as usize;
-        let casts = light.shadow_maps_enabled && visible.get();
-        lists
+        let casts = it.light.shadow_maps_enabled && it.visibility.get();
+        it.lists
             .entities
-            .retain(|view, _| casts && plans.views.contains_key(view));
+            .retain(|view, _| casts && it.plans.views.contains_key(view));
 
-        for (view, plan) in &plans.views {
+        for (view, plan) in &it.plans.views {
             let published: Vec<_> = (0..count)
                 .map(|index| {
                     plan.get(index)
-                        .map_or_else(super::parked_cascade, published_cascade)
+                        .map_or_else(empty_cascade, published_cascade)
                 })
                 .collect();
             let view_frusta = published
                 .iter()
                 .map(|cascade| Frustum(ViewFrustum::from_clip_from_world(&cascade.clip_from_world)))
                 .collect();
-            cascades.cascades.insert(*view, published);
-            frusta.frusta.insert(*view, view_frusta);
+            it.cascades.cascades.insert(*view, published);
+            it.frusta.frusta.insert(*view, view_frusta);
             if !casts {
                 continue;
             }
 
             casters.par_iter_mut().for_each_init(
                 || found.borrow_local_mut(),
-                |found,
-                 (
-                    entity,
-                    inherited,
-                    mut view_visibility,
-                    caster_layers,
-                    aabb,
-                    transform,
-                    has_range,
-                    no_culling,
-                )| {
-                    let layers_meet = layers
-                        .unwrap_or_default()
-                        .intersects(caster_layers.unwrap_or_default());
-                    let out_of_range = has_range
+                |found, mut caster| {
+                    let light_layers = it.layers.unwrap_or_default();
+                    let layers_meet = light_layers.intersects(caster.layers.unwrap_or_default());
+                    let is_out_of_range = caster.has_range
                         && ranges.as_ref().is_some_and(|ranges| {
-                            !ranges.entity_is_in_range_of_view(entity, *view)
+                            !ranges.entity_is_in_range_of_view(caster.entity, *view)
                         });
-                    if !inherited.get() || !layers_meet || out_of_range {
+                    if !caster.inherited.get() || !layers_meet || is_out_of_range {
                         return;
                     }
-                    let bounds = match (aabb, transform) {
-                        (Some(aabb), Some(transform))
-                            if !no_culling && config.culling == CasterCulling::Hull =>
-                        {
+                    let is_culled = config.comparison.culling == CasterCulling::Hull;
+                    let bounds = match (caster.aabb, caster.transform) {
+                        (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
                             Some(world_bounds(aabb, &transform.affine()))
                         }
                         _ => None,
                     };
                     let mask = cascade_mask(plan, bounds.as_ref());
                     if mask != 0 {
-                        view_visibility.set_visible();
-                        found.push((entity, mask));
+                        caster.visibility.set_visible();
+                        found.push((caster.entity, mask));
                     }
                 },
             );
@@ -166,7 +158,7 @@ pub fn cull_casters(
             found.drain_into(&mut found_casters);
             found_casters.sort_unstable_by_key(|(entity, _)| *entity);
 
-            let view_lists = lists.entities.entry(*view).or_default();
+            let view_lists = it.lists.entities.entry(*view).or_default();
             view_lists.resize_with(count, VisibleMeshEntities::default);
             for (index, list) in view_lists.iter_mut().enumerate() {
                 list.entities.clear();
@@ -185,7 +177,7 @@ pub fn cull_casters(
                 };
                 (*entity, range)
             };
-            record
+            it.casters
                 .views
                 .insert(*view, found_casters.iter().map(to_range).collect());
         }
@@ -194,31 +186,10 @@ pub fn cull_casters(
 
 /// Bit `i` is set if the caster matters to cascade `i`. Without bounds it matters to all that
 /// have a map.
-fn cascade_mask(plan: &[CascadePlan], bounds: Option<&(DVec3, DMat3)>) -> u8 {
+fn cascade_mask(plan: &[CascadePlan], bounds: Option<&OrientedBox>) -> u8 {
     plan.iter()
         .enumerate()
         .filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)))
-        .filter(|(_, map)| {
-            bounds.is_none_or(|(center, axes)| map.hull.intersects_box(*center, axes))
-        })
+        .filter(|(_, map)| bounds.is_none_or(|bounds| map.hull.intersects_box(bounds)))
         .fold(0, |mask, (index, _)| mask | (1 << index))
-}
-
-/// The center and half-axes of a local box, in world space.
-pub(super) fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> (DVec3, DMat3) {
-    let matrix = &world_from_local.matrix3;
-    let axes = DMat3::from_cols(
-        matrix.x_axis.as_dvec3(),
-        matrix.y_axis.as_dvec3(),
-        matrix.z_axis.as_dvec3(),
-    );
-    let half = aabb.half_extents.as_dvec3();
-    (
-        axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        DMat3::from_cols(
-            axes.x_axis * half.x,
-            axes.y_axis * half.y,
-            axes.z_axis * half.z,
-        ),
-    )
 }

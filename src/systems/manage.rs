@@ -1,4 +1,6 @@
-//! Which lights are ours, with which configuration, and what they were before.
+//! Which lights are managed, with which configuration, and what they were before.
+
+use core::sync::atomic::Ordering;
 
 use bevy::{
     asset::{AssetId, Assets},
@@ -9,18 +11,17 @@ use bevy::{
         entity::Entity,
         lifecycle::Remove,
         observer::On,
+        query::{Has, QueryData},
         system::{Commands, Query, Res},
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight},
     log::warn,
 };
 
-use super::{CasterCascades, ShadowPlans};
+use super::{CasterCascades, ShadowPlans, publish::published_config};
 use crate::{
-    config::{CascadeFit, MaxMapSize, ParallelSplitShadows, ShadowPreset},
-    geometry::split::split_planes,
-    render::GpuSupport,
-    shaders::LeftToBevy,
+    config::{CascadeFit, ParallelSplitShadows, ShadowPreset},
+    support::ShadowSupport,
 };
 
 /// The plugin's record of a light: the configuration in force and Bevy's settings to restore.
@@ -29,12 +30,17 @@ use crate::{
 #[require(ShadowPlans, CasterCascades)]
 pub struct ManagedLight {
     last_good: Option<ParallelSplitShadows>,
-    /// That, as far as the GPU goes along.
+    /// The last good configuration, with the fit that the GPU can draw.
     in_force: Option<ParallelSplitShadows>,
-    /// When the configuration looked at last was written.
-    seen: Option<Tick>,
-    stock: Option<StockShadows>,
+    /// When the configuration that was checked last was written.
+    checked: Option<Tick>,
+    built_in: Option<BuiltInShadows>,
 }
+
+/// Marks a light whose shadows the game switched off while it was managed: they stay off when it is
+/// managed again.
+#[derive(Component, Debug, Default)]
+pub struct SwitchedOff;
 
 impl ManagedLight {
     /// The configuration in force: the last good one, without warps where the GPU cannot draw them,
@@ -45,24 +51,23 @@ impl ManagedLight {
     }
 
     /// Takes a configuration if it is good, and warns of it once if not.
-    fn consider(
+    fn accept(
         &mut self,
         light: Entity,
         config: &Ref<ParallelSplitShadows>,
-        max_map_size: u32,
-        adapted: impl FnOnce(&ParallelSplitShadows) -> CascadeFit,
+        support: &ShadowSupport,
     ) -> Option<&ParallelSplitShadows> {
         // Not `is_changed`, which has passed if the light was not there yet or was disabled.
-        if self.seen != Some(config.last_changed()) {
-            self.seen = Some(config.last_changed());
-            match config.validate(max_map_size) {
+        if self.checked != Some(config.last_changed()) {
+            self.checked = Some(config.last_changed());
+            match config.validate(support.max_map_size().load(Ordering::Relaxed)) {
                 Ok(()) => self.last_good = Some((**config).clone()),
                 Err(error) => warn!("Keeping the last good shadows of light {light}: {error}"),
             }
         }
         let last_good = self.last_good.as_ref()?;
         self.in_force = Some(ParallelSplitShadows {
-            fit: adapted(last_good),
+            fit: drawable_fit(&last_good.fit, support),
             ..last_good.clone()
         });
         self.in_force.as_ref()
@@ -72,16 +77,27 @@ impl ManagedLight {
     fn release(&mut self, light: &mut DirectionalLight, cascade_config: &mut CascadeShadowConfig) {
         self.last_good = None;
         self.in_force = None;
-        self.seen = None;
-        if let Some(stock) = self.stock.take() {
-            light.shadow_maps_enabled &= stock.shadow_maps_enabled;
-            *cascade_config = stock.cascade_config;
+        self.checked = None;
+        if let Some(built_in) = self.built_in.take() {
+            light.shadow_maps_enabled &= built_in.shadow_maps_enabled;
+            *cascade_config = built_in.cascade_config;
         }
     }
 }
 
+fn drawable_fit(fit: &CascadeFit, support: &ShadowSupport) -> CascadeFit {
+    if support.is_out_of_room() {
+        CascadeFit::Stable
+    } else if support.draws_warps() {
+        fit.clone()
+    } else {
+        fit.unwarped()
+    }
+}
+
+/// Settings of Bevy's that the plugin overwrites.
 #[derive(Debug, Clone)]
-struct StockShadows {
+struct BuiltInShadows {
     shadow_maps_enabled: bool,
     cascade_config: CascadeShadowConfig,
 }
@@ -127,13 +143,13 @@ pub(super) fn forget_light(
         return;
     };
     let managed = core::mem::take(&mut *managed);
-    if let (Some(stock), Some(mut cascade_config)) = (managed.stock, cascade_config) {
-        *cascade_config = stock.cascade_config;
+    if let (Some(built_in), Some(mut cascade_config)) = (managed.built_in, cascade_config) {
+        *cascade_config = built_in.cascade_config;
     }
 }
 
 /// Should the record go first, with everything that the component requires, say.
-pub(super) fn restore_stock(
+pub(super) fn restore_built_in(
     removed: On<Remove<ManagedLight>>,
     mut lights: Query<(
         &mut ManagedLight,
@@ -146,88 +162,69 @@ pub(super) fn restore_stock(
     }
 }
 
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct LightToManage {
+    entity: Entity,
+    config: Option<Ref<'static, ParallelSplitShadows>>,
+    managed: &'static mut ManagedLight,
+    light: &'static mut DirectionalLight,
+    cascade_config: &'static mut CascadeShadowConfig,
+    cascades: &'static mut Cascades,
+    frusta: &'static mut CascadesFrusta,
+    is_switched_off: Has<SwitchedOff>,
+}
+
 pub(super) fn manage_lights(
     mut commands: Commands,
-    max_map_size: Res<MaxMapSize>,
-    support: Res<GpuSupport>,
-    left_to_bevy: Option<Res<LeftToBevy>>,
-    mut lights: Query<(
-        Entity,
-        Option<Ref<ParallelSplitShadows>>,
-        &mut ManagedLight,
-        &mut DirectionalLight,
-        &mut CascadeShadowConfig,
-        &mut Cascades,
-        &mut CascadesFrusta,
-    )>,
+    support: Res<ShadowSupport>,
+    mut lights: Query<LightToManage>,
 ) {
-    for (entity, config, mut managed, mut light, mut cascade_config, mut cascades, mut frusta) in
-        &mut lights
-    {
-        let removed = config.is_none();
-        let wanted = config.filter(|config| config.enabled && support.shadows());
-        let Some(wanted) = wanted else {
-            if managed.seen.is_some() {
-                managed.release(&mut light, &mut cascade_config);
+    for mut it in &mut lights {
+        let is_removed = it.config.is_none();
+        let config = it.config.filter(|_| support.may_take_over());
+        let Some(config) = config else {
+            if it.managed.checked.is_some() {
+                if it.managed.built_in.is_some() && !it.light.shadow_maps_enabled {
+                    commands.entity(it.entity).insert(SwitchedOff);
+                }
+                it.managed.release(&mut it.light, &mut it.cascade_config);
                 // Bevy fills them anew only while its shadows are on.
-                cascades.cascades.clear();
-                frusta.frusta.clear();
+                it.cascades.cascades.clear();
+                it.frusta.frusta.clear();
             }
-            if removed {
+            if is_removed {
                 commands
-                    .entity(entity)
+                    .entity(it.entity)
                     .remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
             }
             continue;
         };
-        let Some(published) = managed
-            .consider(entity, &wanted, max_map_size.get(), |config| {
-                if left_to_bevy.as_ref().is_some_and(|left| left.get()) {
-                    CascadeFit::Stable
-                } else if support.warps() {
-                    config.fit.clone()
-                } else {
-                    config.fit.unwarped()
-                }
-            })
+        let Some(published) = it
+            .managed
+            .accept(it.entity, &config, &support)
             .map(published_config)
         else {
             continue;
         };
-        if managed.stock.is_none() {
-            managed.stock = Some(StockShadows {
-                shadow_maps_enabled: light.shadow_maps_enabled,
-                cascade_config: cascade_config.clone(),
+        if it.managed.built_in.is_none() {
+            it.managed.built_in = Some(BuiltInShadows {
+                shadow_maps_enabled: it.light.shadow_maps_enabled,
+                cascade_config: it.cascade_config.clone(),
             });
-            light.shadow_maps_enabled = true;
+            if it.is_switched_off {
+                commands.entity(it.entity).remove::<SwitchedOff>();
+            } else {
+                it.light.shadow_maps_enabled = true;
+            }
         }
-        if !same_config(&published, &cascade_config) {
-            *cascade_config = published;
+        if !is_same_config(&published, &it.cascade_config) {
+            *it.cascade_config = published;
         }
     }
 }
 
-/// The configuration in the terms of Bevy's component, for whatever reads that.
-fn published_config(config: &ParallelSplitShadows) -> CascadeShadowConfig {
-    let planes = split_planes(
-        &config.splits,
-        config.near,
-        config.far,
-        config.cascades as usize,
-    );
-    // One proportion of the far bound must hold for all: the least of ours.
-    let overlap = planes
-        .windows(2)
-        .map(|slice| config.blend * (slice[1] - slice[0]) / slice[1])
-        .fold(f64::INFINITY, f64::min);
-    CascadeShadowConfig {
-        bounds: planes[1..].iter().map(|plane| *plane as f32).collect(),
-        overlap_proportion: overlap as f32,
-        minimum_distance: config.near as f32,
-    }
-}
-
-fn same_config(a: &CascadeShadowConfig, b: &CascadeShadowConfig) -> bool {
+fn is_same_config(a: &CascadeShadowConfig, b: &CascadeShadowConfig) -> bool {
     a.bounds == b.bounds
         && a.overlap_proportion == b.overlap_proportion
         && a.minimum_distance == b.minimum_distance

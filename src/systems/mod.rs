@@ -1,14 +1,18 @@
 //! Thin ECS systems: what is configured, what is planned and which casters are drawn.
 
 mod cull;
+mod gather;
 mod manage;
-mod parts;
+mod mesh_boxes;
 mod plan;
+mod publish;
 
 pub use cull::{CascadeRange, CasterCascades, cull_casters};
+pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
-pub use parts::MeshParts;
-pub use plan::{ShadowPlans, parked_cascade, plan_shadows, view_volume};
+pub use mesh_boxes::MeshBoxes;
+pub use plan::{ShadowPlans, plan_shadows};
+pub(crate) use publish::empty_cascade;
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
@@ -22,6 +26,8 @@ use bevy::{
     mesh::Mesh,
     transform::TransformSystems,
 };
+
+use crate::config::{ParallelSplitShadows, ShadowPreset};
 
 /// The plugin's system sets in the main world.
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -40,7 +46,9 @@ pub enum PssmSystems {
 }
 
 pub(crate) fn build(app: &mut App) {
-    app.init_resource::<MeshParts>();
+    app.init_resource::<MeshBoxes>();
+    app.register_required_components::<ParallelSplitShadows, ManagedLight>();
+    app.register_required_components::<ShadowPreset, AppliedPreset>();
     app.configure_sets(
         PostUpdate,
         (
@@ -75,7 +83,7 @@ pub(crate) fn build(app: &mut App) {
         PostUpdate,
         (
             manage::manage_lights.in_set(PssmSystems::ManageLights),
-            parts::forget_parts
+            mesh_boxes::forget_changed
                 .after(AssetEventSystems)
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
@@ -85,5 +93,5 @@ pub(crate) fn build(app: &mut App) {
     )
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)
-    .add_observer(manage::restore_stock);
+    .add_observer(manage::restore_built_in);
 }

@@ -10,11 +10,10 @@ use bevy_pssm::{
         fit::LookupReach,
         light_frame::LightFrame,
         receivers::Receivers,
-        slice::ViewVolume,
-        split::split_planes,
-        warp::{BodyVertex, WarpFrame, body_vertices, lay, slice_vertices},
+        slice::{BodyVertex, ViewVolume},
+        warp::WarpFrame,
     },
-    plan::{PlanHistory, PlanInputs, plan_cascades},
+    plan::{PlanHistory, PlanInputs, plan_cascades, split_planes, warp_frame},
 };
 
 const REFERENCE: &str = include_str!("../reference/lloyd_storage.csv");
@@ -36,7 +35,7 @@ fn view(tan: f64) -> ViewVolume {
 }
 
 fn body(tan: f64, near: f64, far: f64) -> [BodyVertex; 8] {
-    slice_vertices(&view(tan).slice(near, far).unwrap())
+    view(tan).slice(near, far).unwrap().vertices()
 }
 
 fn storage(frame: &WarpFrame, body: &[BodyVertex], strength: f64) -> f64 {
@@ -51,8 +50,8 @@ fn warped(warp: MapWarp, planes: &[f64], tan: f64, light: DVec3) -> f64 {
         .map(|pair| {
             let slice = view.slice(pair[0], pair[1]).unwrap();
             let body = ConvexBody::of_slice(&slice);
-            let (frame, strength) = lay(warp, DVec3::NEG_Z, &view, -light, &body).unwrap();
-            storage(&frame, &body_vertices(&view, &body), strength)
+            let (frame, strength) = warp_frame(warp, DVec3::NEG_Z, &view, -light, &body).unwrap();
+            storage(&frame, &body.vertices(&view), strength)
         })
         .sum()
 }
@@ -170,8 +169,8 @@ fn planned_cascades_have_the_reference_storage() {
         let planned = |warp| -> f64 {
             let config = ParallelSplitShadows {
                 cascades: case.planes.len() as u32 - 1,
-                near: case.planes[0],
-                far: case.planes[case.planes.len() - 1],
+                near: case.planes[0] as f32,
+                far: case.planes[case.planes.len() - 1] as f32,
                 splits: SplitScheme::Logarithmic,
                 blend: 0.0,
                 fit: CascadeFit::Warped(warp),
@@ -200,7 +199,7 @@ fn planned_cascades_have_the_reference_storage() {
         let line = case.line;
         let found = planned(as_printed);
         let error = (found / printed.unwrap() - 1.0).abs();
-        assert!(error <= 1e-9, "{line}: found {found}");
+        assert!(error <= 1e-6, "{line}: found {found}");
         if let (Some(minimax), Some(best)) = (minimax, best) {
             let found = planned(MapWarp::Minimax);
             assert!((found / minimax - 1.0).abs() <= 1e-6, "{line}: {found}");

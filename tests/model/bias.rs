@@ -6,7 +6,7 @@ use bevy_pssm::geometry::{
     fit::{self, LookupReach},
     light_frame::LightFrame,
     slice::ViewVolume,
-    warp::{WarpFrame, slice_vertices},
+    warp::WarpFrame,
 };
 use glam::{DMat3, UVec2};
 use proptest::prelude::*;
@@ -38,7 +38,7 @@ fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
         return map.clip_from_world(&light);
     }
     let frame = WarpFrame::of_view(&view, light.z).expect("a frame");
-    let body = slice_vertices(&slice);
+    let body = slice.vertices();
     let strength = warp * frame.lispsm_strength(2.0, 40.0);
     frame.clip_from_world(&body, strength)
 }

@@ -1,6 +1,6 @@
 //! Convex bodies, clipped.
 
-use bevy_pssm::geometry::body::{ConvexBody, HalfSpace};
+use bevy_pssm::geometry::{body::ConvexBody, half_space::HalfSpace};
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 

@@ -1,7 +1,9 @@
 //! The caster hull: never loses what can throw a shadow into the slice.
 
 use bevy::math::{DMat3, DVec3, Quat, Vec3};
-use bevy_pssm::geometry::{body::ConvexBody, hull::CasterHull, slice::Slice};
+use bevy_pssm::geometry::{
+    body::ConvexBody, hull::CasterHull, oriented_box::OrientedBox, slice::Slice,
+};
 use proptest::prelude::*;
 
 use crate::views::{any_direction, any_turn, perspective, volume};
@@ -42,7 +44,8 @@ proptest! {
         let axes = DMat3::from_quat(spin.as_dquat().normalize()) * DMat3::from_diagonal(half.into());
         let on_ray = inside(&slice, weights) + to_light * way;
         let center = on_ray - axes * DVec3::from(hit);
-        prop_assert!(hull.intersects_box(center, &axes));
+        let bounds = OrientedBox { center, half_axes: axes };
+        prop_assert!(hull.intersects_box(&bounds));
     }
 
     #[test]
@@ -55,10 +58,12 @@ proptest! {
         let hull = CasterHull::new(&ConvexBody::of_slice(&slice), to_light, 0.0);
         let axes = DMat3::from_diagonal(DVec3::splat(radius));
         let beyond = slice.center - to_light * (slice.radius + 10.0 * radius);
-        prop_assert!(!hull.intersects_box(beyond, &axes));
+        let bounds = OrientedBox { center: beyond, half_axes: axes };
+        prop_assert!(!hull.intersects_box(&bounds));
         let side = to_light.any_orthonormal_vector();
         let beside = slice.center + side * (slice.radius + 10.0 * radius) + to_light * 50.0;
-        prop_assert!(!hull.intersects_box(beside, &axes));
+        let bounds = OrientedBox { center: beside, half_axes: axes };
+        prop_assert!(!hull.intersects_box(&bounds));
     }
 
     #[test]
@@ -80,7 +85,10 @@ fn boxes_that_are_not_numbers_are_kept() {
         DVec3::Y,
         0.0,
     );
-    assert!(hull.intersects_box(DVec3::NAN, &DMat3::IDENTITY));
+    assert!(hull.intersects_box(&OrientedBox {
+        center: DVec3::NAN,
+        half_axes: DMat3::IDENTITY
+    }));
 }
 
 #[test]

@@ -7,14 +7,15 @@ use bevy_pssm::{
         body::ConvexBody,
         face::Wedge,
         fit::LookupReach,
+        hysteresis::{Kept, SHRINK_DELAY, Slack},
         light_frame::LightFrame,
-        parts::parts,
+        mesh_boxes::part_boxes,
+        oriented_box::OrientedBox,
         receivers::{Extent, Receivers},
         slice::{Depth, Slice, ViewVolume},
-        steady::{Held, PATIENCE, Slack},
-        warp::{self, WarpFrame, body_vertices},
+        warp::WarpFrame,
     },
-    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
+    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades, warp_frame},
     prelude::*,
 };
 use proptest::prelude::*;
@@ -50,7 +51,10 @@ impl Scene {
     fn receivers(&self, view: &ViewVolume) -> Receivers {
         let mut receivers = Receivers::new(view);
         for thing in &self.things {
-            receivers.add(thing.center, &DMat3::from_diagonal(thing.half));
+            receivers.add(&OrientedBox {
+                center: thing.center,
+                half_axes: DMat3::from_diagonal(thing.half),
+            });
         }
         receivers
     }
@@ -113,11 +117,9 @@ fn fit() -> impl Strategy<Value = CascadeFit> {
         Just(CascadeFit::Stable),
         Just(CascadeFit::Tight),
         Just(CascadeFit::Faces),
-        (0.0..1.0_f64).prop_map(|share| CascadeFit::Auto {
-            prefer: Preference::Between(share)
-        }),
+        (0.0..1.0_f32).prop_map(|share| CascadeFit::Auto { sharpness: share }),
         warp().prop_map(CascadeFit::Warped),
-        Just(CascadeFit::List(vec![
+        Just(CascadeFit::PerCascade(vec![
             MapFit::Stable,
             MapFit::Tight,
             MapFit::Warped(MapWarp::Minimax),
@@ -130,9 +132,9 @@ fn warp() -> impl Strategy<Value = MapWarp> {
     prop_oneof![
         Just(MapWarp::Minimax),
         Just(MapWarp::Lispsm),
-        (-1.0..1.0_f64).prop_map(|eta| MapWarp::Lloyd { eta }),
-        (0.01..0.8_f64).prop_map(|focus| MapWarp::Trapezoid { focus }),
-        (0.0..1.0_f64).prop_map(MapWarp::Strength),
+        (-1.0..1.0_f32).prop_map(|eta| MapWarp::Lloyd { eta }),
+        (0.01..0.8_f32).prop_map(|focus| MapWarp::Trapezoid { focus }),
+        (0.0..1.0_f32).prop_map(MapWarp::Strength),
     ]
 }
 
@@ -146,8 +148,8 @@ proptest! {
         scene in scene(),
         to_light in any_direction(),
         fit in fit(),
-        slack in prop_oneof![Just(0.0), 0.01..0.5_f64],
-        axis in prop_oneof![Just(WarpAxis::View), Just(WarpAxis::Middle)],
+        slack in prop_oneof![Just(0.0), 0.01..0.5_f32],
+        axis in prop_oneof![Just(WarpAxis::View), Just(WarpAxis::BodyCenter)],
         spots in prop::collection::vec((0..6_usize, prop::array::uniform3(-1.0..1.0_f64)), 40),
         // Where in the picture, and how deep.
         rays in prop::collection::vec(prop::array::uniform3(0.0..1.0_f64), 20),
@@ -156,7 +158,10 @@ proptest! {
         let config = ParallelSplitShadows {
             fit,
             slack,
-            warp_axis: axis,
+            comparison: Comparison {
+                warp_axis: axis,
+                ..Default::default()
+            },
             map_size: MapSize::Same(SIZE),
             far: 400.0,
             ..Default::default()
@@ -219,10 +224,13 @@ proptest! {
                 let moved = above.truncate() / above.w - ndc;
                 prop_assert!(moved.truncate().abs().max_element() < 1e-6, "{moved}");
                 prop_assert!(moved.z >= -1e-9, "{moved}");
-                let caster = DMat3::from_diagonal(DVec3::splat(0.1));
-                prop_assert!(map.hull.intersects_box(point + way * to_light, &caster));
+                let caster = OrientedBox {
+                    center: point + way * to_light,
+                    half_axes: DMat3::from_diagonal(DVec3::splat(0.1)),
+                };
+                prop_assert!(map.hull.intersects_box(&caster));
             }
-            prop_assert!(depth >= config.far || found > 0, "nothing is for {point} at {depth}");
+            prop_assert!(depth >= f64::from(config.far) || found > 0, "nothing is for {point} at {depth}");
         }
     }
 
@@ -246,8 +254,8 @@ proptest! {
         let body = ConvexBody::of_slice(&slice).within(found.planes(&Depth::new(&view)));
         prop_assume!(body.faces().len() > 3);
         let (frame, strength) =
-            warp::lay(MapWarp::Minimax, forward(&view), &view, to_light, &body).unwrap();
-        let vertices = body_vertices(&view, &body);
+            warp_frame(MapWarp::Minimax, forward(&view), &view, to_light, &body).unwrap();
+        let vertices = body.vertices(&view);
         let storage = |strength| frame.worst_aliasing(&vertices, strength).unwrap().storage();
         prop_assert!(strength >= 0.0 && strength.is_finite());
         let [warped, unwarped] = [strength, 0.0].map(storage);
@@ -308,7 +316,7 @@ proptest! {
         if has_nan {
             triangles.push([Vec3::NAN; 3]);
         }
-        let found = parts(|| triangles.iter().copied());
+        let found = part_boxes(|| triangles.iter().copied());
         prop_assert!(found.len() <= sound.len().min(1024));
         for triangle in &sound {
             let holds = |[lo, hi]: &[Vec3; 2]| {
@@ -338,12 +346,12 @@ fn parts_of_a_terrain_are_small() {
             [[a, b, c], [c, b, d]]
         })
     };
-    let found = parts(triangles);
+    let found = part_boxes(triangles);
     assert!((100..250).contains(&found.len()), "{}", found.len());
     for [lo, hi] in found {
         assert!((hi - lo).max_element() <= 260.0 && hi.x - lo.x <= 100.0);
     }
-    assert!(parts(core::iter::empty).is_empty());
+    assert!(part_boxes(core::iter::empty).is_empty());
 }
 
 /// The strength at a moment of a motion of sun and camera, in units of what makes it matter: the
@@ -362,7 +370,7 @@ fn strength_at(scene: &Scene, warp: MapWarp, to_light: DVec3, time: f64) -> f64 
     };
     let slice = view.slice(2.0, 150.0).expect("not empty");
     let body = ConvexBody::of_slice(&slice);
-    match warp::lay(warp, forward(&view), &view, to_light, &body) {
+    match warp_frame(warp, forward(&view), &view, to_light, &body) {
         Some((_, strength)) => strength * slice.radius,
         None => f64::NAN,
     }
@@ -398,12 +406,12 @@ proptest! {
         let view = scene.view();
         let slice = view.slice(2.0, 150.0).expect("not empty");
         let body = ConvexBody::of_slice(&slice);
-        let vertices = body_vertices(&view, &body);
+        let vertices = body.vertices(&view);
         let across = view.axes * DVec3::new(side.cos(), side.sin(), 0.0);
         let differences = [1e-3, 1e-5].map(|angle| {
             let to_light = (view.axes.z_axis + angle * across).normalize();
             let (frame, strength) =
-                warp::lay(warp, forward(&view), &view, to_light, &body).unwrap();
+                warp_frame(warp, forward(&view), &view, to_light, &body).unwrap();
             let map = |strength| frame.clip_from_world(&vertices, strength);
             let [warped, plain] = [map(strength), map(0.0)];
             slice
@@ -438,7 +446,7 @@ fn slack_holds_maps_still() {
             },
         ],
     };
-    let changes = |slack: f64| {
+    let changes = |slack: f32| {
         let config = ParallelSplitShadows {
             fit: CascadeFit::Tight,
             slack,
@@ -489,7 +497,10 @@ fn splits_are_spread_where_there_is_anything() {
     let with = |fit, focus| {
         let config = ParallelSplitShadows {
             fit,
-            focus,
+            comparison: Comparison {
+                focus,
+                ..Default::default()
+            },
             far: 800.0,
             ..Default::default()
         };
@@ -547,13 +558,13 @@ fn nothing_to_shadow_is_no_map() {
 fn trapezoids_put_the_focus_on_their_line() {
     let lens = perspective(0.6, 1.0);
     let view = volume(&lens, Vec3::ZERO, Quat::IDENTITY);
-    let (near, far, share) = (5.0, 100.0, 0.4);
+    let (near, far, share) = (5.0, 100.0, 0.4_f32);
     let body = ConvexBody::of_slice(&view.slice(near, far).unwrap());
     let warp = MapWarp::Trapezoid { focus: share };
-    let (frame, strength) = warp::lay(warp, forward(&view), &view, DVec3::Y, &body).unwrap();
+    let (frame, strength) = warp_frame(warp, forward(&view), &view, DVec3::Y, &body).unwrap();
     assert!(strength > 0.0);
-    let map = frame.clip_from_world(&body_vertices(&view, &body), strength);
-    let focus = DVec3::NEG_Z * (near + share * (far - near));
+    let map = frame.clip_from_world(&body.vertices(&view), strength);
+    let focus = DVec3::NEG_Z * (near + f64::from(share) * (far - near));
     approx::assert_relative_eq!(map.project_point3(focus).y, 0.6, epsilon = 1e-9);
 }
 
@@ -569,7 +580,7 @@ fn etas_are_known_warps() {
     approx::assert_relative_eq!(frame.lloyd_strength(1.0, near, far), 0.5);
     // The greatest error along the warp is linear in the size of eta (Lloyd et al. 2006, Eq. 11).
     let body = ConvexBody::of_slice(&view.slice(near, far).unwrap());
-    let vertices = body_vertices(&view, &body);
+    let vertices = body.vertices(&view);
     let worst = |eta| {
         let strength = frame.lloyd_strength(eta, near, far);
         frame.worst_aliasing(&vertices, strength).unwrap().z
@@ -580,21 +591,21 @@ fn etas_are_known_warps() {
     }
 }
 
-/// Held values grow at once, jitter about a boundary does not move them, and they shrink late.
+/// Kept values grow at once, jitter about a boundary does not move them, and they shrink late.
 #[test]
 fn what_is_held_does_not_flip() {
     for slack in [0.01_f64, 0.05, 0.1, 0.25, 1.0] {
         for power in 1..60 {
             let boundary = (1.0 + slack).powi(power);
-            let mut held = [Held::default(); 2];
+            let mut held = [Kept::default(); 2];
             let mut changes = [0; 2];
             let mut before: Option<[f64; 2]> = None;
             for frame in 0..100 {
                 let jitter = 1.0 + 1e-4 * f64::from(frame % 2) - 5e-5;
                 let [a, b] = &mut held;
                 let now = [
-                    Slack(slack).length(boundary * jitter, a),
-                    Slack(slack).shorter(boundary * jitter, b),
+                    Slack(slack).round_up(boundary * jitter, a),
+                    Slack(slack).round_down(boundary * jitter, b),
                 ];
                 assert!(now[0] >= boundary * jitter * (1.0 - 1e-8));
                 assert!(now[1] <= boundary * jitter * (1.0 + 1e-8));
@@ -611,7 +622,7 @@ fn what_is_held_does_not_flip() {
                 "{slack} {power}: {changes:?}"
             );
         }
-        let mut held = Held::default();
+        let mut held = Kept::default();
         let mut changes = 0;
         for frame in 0..100 {
             let shift = 1e-3 * f64::from(frame % 2);
@@ -624,15 +635,15 @@ fn what_is_held_does_not_flip() {
         assert!(changes <= 1, "{slack}: {changes}");
     }
     let slack = Slack(0.1);
-    let mut held = Held::default();
-    let wide = slack.length(100.0, &mut held);
-    for _ in 0..PATIENCE {
-        assert_eq!(slack.length(50.0, &mut held), wide);
+    let mut held = Kept::default();
+    let wide = slack.round_up(100.0, &mut held);
+    for _ in 0..SHRINK_DELAY {
+        assert_eq!(slack.round_up(50.0, &mut held), wide);
     }
-    assert!(slack.length(50.0, &mut held) < 56.0);
-    assert!(slack.length(120.0, &mut held) >= 120.0);
+    assert!(slack.round_up(50.0, &mut held) < 56.0);
+    assert!(slack.round_up(120.0, &mut held) >= 120.0);
     for none in [0.0, 1e-17] {
-        assert_eq!(Slack(none).length(50.0, &mut Held::default()), 50.0);
+        assert_eq!(Slack(none).round_up(50.0, &mut Kept::default()), 50.0);
     }
 }
 
@@ -704,9 +715,9 @@ fn budgets_are_shared() {
 #[test]
 fn auto_chooses_what_is_worth_it() {
     let to_light = DVec3::new(0.3, 0.9, -0.1).normalize();
-    let fits = |prefer, size, scene: &Scene| -> Vec<MapFit> {
+    let fits = |sharpness, size, scene: &Scene| -> Vec<MapFit> {
         let config = ParallelSplitShadows {
-            fit: CascadeFit::Auto { prefer },
+            fit: CascadeFit::Auto { sharpness },
             map_size: MapSize::Same(size),
             ..Default::default()
         };
@@ -717,23 +728,22 @@ fn auto_chooses_what_is_worth_it() {
             .collect()
     };
     let scene = ground(10.0, -0.1);
-    let stable = fits(Preference::Stability, 1024, &scene);
+    let stable = fits(0.0, 1024, &scene);
     assert!(
         stable.iter().all(|fit| *fit == MapFit::Stable),
         "{stable:?}"
     );
-    assert_eq!(stable, fits(Preference::Between(0.0), 1024, &scene));
-    let sharp = fits(Preference::Sharpness, 512, &scene);
+    let sharp = fits(1.0, 512, &scene);
     assert!(sharp.iter().all(|fit| *fit != MapFit::Stable), "{sharp:?}");
-    let some = fits(Preference::Between(0.2), 512, &scene);
+    let some = fits(0.2, 512, &scene);
     let steady = |fits: &[MapFit]| fits.iter().filter(|it| **it == MapFit::Stable).count();
     assert!(steady(&some) >= steady(&sharp), "{some:?}");
     // Maps that are fine enough need nothing.
-    let fine = fits(Preference::Between(0.1), 16384, &scene);
+    let fine = fits(0.1, 16384, &scene);
     assert!(steady(&fine) > 0, "{fine:?}");
 
     // From straight above one depth holds everything.
-    let count = |scene: &Scene| fits(Preference::Sharpness, 1024, scene).len();
+    let count = |scene: &Scene| fits(1.0, 1024, scene).len();
     assert_eq!(count(&scene), 4);
     assert!(count(&ground(300.0, -1.57)) <= 2);
 }
@@ -742,12 +752,7 @@ fn auto_chooses_what_is_worth_it() {
 #[test]
 fn choices_do_not_flip() {
     let to_light = DVec3::new(0.05, 1.0, 0.02).normalize();
-    for fit in [
-        CascadeFit::Faces,
-        CascadeFit::Auto {
-            prefer: Preference::Between(0.5),
-        },
-    ] {
+    for fit in [CascadeFit::Faces, CascadeFit::Auto { sharpness: 0.5 }] {
         let config = ParallelSplitShadows {
             fit: fit.clone(),
             map_size: MapSize::Same(1024),

@@ -200,7 +200,10 @@ fn culling_off_lists_every_caster_in_every_cascade() {
     let light = sun(
         &mut app,
         ParallelSplitShadows {
-            culling: CasterCulling::Off,
+            comparison: Comparison {
+                culling: CasterCulling::Off,
+                ..Default::default()
+            },
             ..default()
         },
     );
@@ -276,9 +279,8 @@ fn disabling_hands_the_light_back_and_enabling_takes_it_again() {
             before
         );
         app.world_mut()
-            .get_mut::<ParallelSplitShadows>(light)
-            .unwrap()
-            .enabled = false;
+            .entity_mut(light)
+            .remove::<ParallelSplitShadows>();
         app.update();
         assert_eq!(
             app.world()
@@ -294,9 +296,8 @@ fn disabling_hands_the_light_back_and_enabling_takes_it_again() {
                 .shadow_maps_enabled
         );
         app.world_mut()
-            .get_mut::<ParallelSplitShadows>(light)
-            .unwrap()
-            .enabled = true;
+            .entity_mut(light)
+            .insert(ParallelSplitShadows::default());
     }
 }
 
@@ -335,7 +336,7 @@ fn a_component_that_was_never_good_leaves_bevys_shadows_alone() {
     let light = sun(
         &mut app,
         ParallelSplitShadows {
-            near: f64::NAN,
+            near: f32::NAN,
             ..default()
         },
     );
@@ -569,9 +570,49 @@ fn types_are_registered_for_reflection() {
         "bevy_pssm::config::ParallelSplitShadows",
         "bevy_pssm::config::preset::ShadowPreset",
         "bevy_pssm::debug::ShadowOverlay",
-        "bevy_pssm::shaders::parts::ShaderParts",
-        "bevy_pssm::config::SplitScheme",
+        "bevy_pssm::shaders::features::ShaderFeatures",
+        "bevy_pssm::config::splits::SplitScheme",
     ] {
         assert!(registry.get_with_type_path(path).is_some(), "{path}");
     }
+}
+
+/// Shadows that the game has switched off stay off, also if the component goes and comes back.
+#[test]
+fn switched_off_stays_off_when_managed_again() {
+    let mut app = app();
+    camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let casts = |app: &App| {
+        app.world()
+            .get::<DirectionalLight>(light)
+            .unwrap()
+            .shadow_maps_enabled
+    };
+    app.update();
+    assert!(casts(&app));
+    app.world_mut()
+        .get_mut::<DirectionalLight>(light)
+        .unwrap()
+        .shadow_maps_enabled = false;
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<ParallelSplitShadows>();
+    app.update();
+    assert!(!casts(&app));
+    app.world_mut()
+        .entity_mut(light)
+        .insert(ParallelSplitShadows::default());
+    app.update();
+    assert!(
+        !casts(&app),
+        "adding the component switched shadows on again"
+    );
+    app.world_mut()
+        .get_mut::<DirectionalLight>(light)
+        .unwrap()
+        .shadow_maps_enabled = true;
+    app.update();
+    assert!(casts(&app));
 }

@@ -17,7 +17,7 @@ use bevy::light::DirectionalLight;
 use bevy_pssm::{
     MapSize, ParallelSplitShadows,
     geometry::{aliasing::closed_form, light_frame::LightFrame, receivers::Receivers},
-    plan::{PlanHistory, PlanInputs, plan_cascades},
+    plan::{PlanHistory, PlanInputs, lookup_reach, plan_cascades},
 };
 use clap::Parser;
 use proptest::prelude::*;
@@ -71,7 +71,7 @@ fn stable_predictions_equal_the_plans() {
         map_size: MapSize::Same(1024),
         ..Default::default()
     };
-    let reach = config.lookup_reach(&DirectionalLight::default());
+    let reach = lookup_reach(&config, &DirectionalLight::default());
     let light = LightFrame::new(setup.to_light).unwrap();
     let inputs = PlanInputs {
         view: &setup.view,

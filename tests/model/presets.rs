@@ -23,16 +23,17 @@ fn an_empty_preset_is_the_default() {
 fn every_field_and_variant_is_read() {
     let read = parse(
         "(
-            enabled: false, cascades: 3, near: 0.5, far: 900.0,
+            cascades: 3, near: 0.5, far: 900.0,
             splits: Manual([20.0, 110.5]),
-            blend: 0.2, fade: 0.0, fit: Tight, map_size: List([1000, 777, 64]), culling: Off,
-            bias: SlopeScaled(factor: 2.0, meters: 0.01), filter: Tent(Meters(0.3)),
-            transition: Dither, caster_faces: Back, depth: Linear,
-            focus: Off, slack: 0.25, warp_axis: Middle,
+            blend: 0.2, fade: 0.0, fit: Tight, map_size: PerCascade([(1000, 1000), (777, 777), (64, 65)]),
+            filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25,
+            comparison: (
+                culling: Off, bias: SlopeScaled(factor: 2.0, meters: 0.01), caster_faces: Back,
+                depth: Linear, focus: Off, warp_axis: BodyCenter,
+            ),
         )",
     );
     let expected = ParallelSplitShadows {
-        enabled: false,
         cascades: 3,
         near: 0.5,
         far: 900.0,
@@ -40,19 +41,21 @@ fn every_field_and_variant_is_read() {
         blend: 0.2,
         fade: 0.0,
         fit: CascadeFit::Tight,
-        focus: ShadowFocus::Off,
         slack: 0.25,
-        warp_axis: WarpAxis::Middle,
-        map_size: MapSize::List(vec![1000, 777, 64]),
-        culling: CasterCulling::Off,
-        bias: ShadowBias::SlopeScaled {
-            factor: 2.0,
-            meters: 0.01,
-        },
+        map_size: MapSize::PerCascade(vec![[1000; 2], [777; 2], [64, 65]]),
         filter: ShadowFilter::Tent(FilterRadius::Meters(0.3)),
         transition: CascadeTransition::Dither,
-        caster_faces: CasterFaces::Back,
-        depth: DepthDistribution::Linear,
+        comparison: Comparison {
+            bias: ShadowBias::SlopeScaled {
+                factor: 2.0,
+                meters: 0.01,
+            },
+            depth: DepthDistribution::Linear,
+            caster_faces: CasterFaces::Back,
+            warp_axis: WarpAxis::BodyCenter,
+            culling: CasterCulling::Off,
+            focus: ShadowFocus::Off,
+        },
     };
     assert_eq!(read, Ok(expected));
     for scheme in [
@@ -71,7 +74,7 @@ fn every_field_and_variant_is_read() {
         "Warped(Lloyd(eta: -0.5))",
         "Warped(Trapezoid(focus: 0.3))",
         "Warped(Strength(0.5))",
-        "List([Stable, Tight, Warped(Minimax), Warped(Strength(1.0))])",
+        "PerCascade([Stable, Tight, Warped(Minimax), Warped(Strength(1.0))])",
     ] {
         parse(&format!("(fit: {fit})")).unwrap();
     }
@@ -81,7 +84,7 @@ fn every_field_and_variant_is_read() {
         "NormalOffset(texels: 1.5)",
         "ReceiverPlane(meters: 0.0)",
     ] {
-        parse(&format!("(bias: {bias})")).unwrap();
+        parse(&format!("(comparison: (bias: {bias}))")).unwrap();
     }
     for filter in [
         "Camera",
@@ -170,12 +173,12 @@ const BAD: [(&str, usize, &[&str]); 41] = [
     ("(splits: Practical(lambda: NaN))", 1, &["`lambda` is NaN"]),
     ("(splits: Practical())", 1, &["lambda", "missing"]),
     (
-        "(bias: Constant(meters: -0.1))",
+        "(comparison: (bias: Constant(meters: -0.1)))",
         1,
         &["`meters` is -0.1", "from 0"],
     ),
     (
-        "(bias: SlopeScaled(factor: NaN, meters: 0.0))",
+        "(comparison: (bias: SlopeScaled(factor: NaN, meters: 0.0)))",
         1,
         &["`factor` is NaN"],
     ),
@@ -242,7 +245,7 @@ const BAD: [(&str, usize, &[&str]); 41] = [
         &["`Strength` is 1.5", "from 0 to 1"],
     ),
     (
-        "(fit: List([Stable, Tight]))",
+        "(fit: PerCascade([Stable, Tight]))",
         1,
         &["`fit` lists 2 values", "must list 4"],
     ),
@@ -253,12 +256,12 @@ const BAD: [(&str, usize, &[&str]); 41] = [
         &["`map_size` is 0", "from 64 to 8192"],
     ),
     (
-        "(map_size: List([2048, 2048, 2048, 8193]))",
+        "(map_size: PerCascade([(2048, 2048), (2048, 2048), (2048, 2048), (64, 8193)]))",
         1,
         &["`map_size` is 8193", "from 64 to 8192"],
     ),
     (
-        "(map_size: List([2048]))",
+        "(map_size: PerCascade([(2048, 2048)]))",
         1,
         &["`map_size` lists 1 values", "must list 4"],
     ),

@@ -9,7 +9,7 @@ use bevy::{
     mesh::VertexAttributeValues,
     prelude::*,
 };
-use bevy_pssm::{ShadowPlans, geometry::steady::PATIENCE, plan::CascadePlan, prelude::*};
+use bevy_pssm::{ShadowPlans, geometry::hysteresis::SHRINK_DELAY, plan::CascadePlan, prelude::*};
 
 use crate::lights::{app, sun};
 
@@ -154,7 +154,11 @@ fn focus_can_be_switched_off() {
     let mut setting = Setting::new(());
     let light = setting.light;
     let mut entity = setting.app.world_mut().entity_mut(light);
-    entity.get_mut::<ParallelSplitShadows>().unwrap().focus = ShadowFocus::Off;
+    entity
+        .get_mut::<ParallelSplitShadows>()
+        .unwrap()
+        .comparison
+        .focus = ShadowFocus::Off;
     let (half, count) = setting.maps();
     assert!(half > 100.0 && count == 4);
 }
@@ -203,7 +207,7 @@ fn large_meshes_are_known_by_their_parts() {
             places[18 * 42 + 20][1] = height;
         }
     };
-    let rest = |setting: &mut Setting| (0..=PATIENCE).for_each(|_| setting.app.update());
+    let rest = |setting: &mut Setting| (0..=SHRINK_DELAY).for_each(|_| setting.app.update());
     change(&mut setting, 50.0);
     rest(&mut setting);
     assert!(starts(&mut setting).1 < by_parts.1);

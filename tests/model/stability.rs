@@ -161,7 +161,7 @@ proptest! {
 
     #[test]
     fn neighboring_cascades_meet_without_a_gap(
-        turn in any_turn(), blend in 0.0..0.5_f64, cascades in 2_u32..=4,
+        turn in any_turn(), blend in 0.0..0.5_f32, cascades in 2_u32..=4,
     ) {
         let config = ParallelSplitShadows { blend, cascades, ..config(1024) };
         let plans = plan(&config, Vec3::ZERO, turn, DVec3::Y);

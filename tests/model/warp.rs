@@ -2,8 +2,8 @@
 
 use bevy::math::{DMat3, DVec2, DVec3};
 use bevy_pssm::geometry::{
-    slice::{Slice, ViewVolume},
-    warp::{BodyVertex, WarpFrame, slice_vertices},
+    slice::{BodyVertex, Slice, ViewVolume},
+    warp::WarpFrame,
 };
 use proptest::prelude::*;
 
@@ -39,7 +39,7 @@ fn maps_equal_the_reference() {
         let frame = WarpFrame::of_view(&view, -vector(14)).unwrap();
         let strength = frame.lispsm_strength(near, far);
         approx::assert_relative_eq!(strength, number(17).recip(), max_relative = 1e-9);
-        let body = slice_vertices(&view.slice(near, far).unwrap());
+        let body = view.slice(near, far).unwrap().vertices();
         let clip = frame.clip_from_world(&body, strength) * vector(19).extend(1.0);
         let found = [clip.x / clip.w, clip.y / clip.w, clip.w];
         for (found, expected) in found.into_iter().zip([22, 23, 24].map(number)) {
@@ -81,7 +81,7 @@ proptest! {
         to_light in direction(),
     ) {
         let frame = WarpFrame::of_view(&view, to_light).unwrap();
-        let body = slice_vertices(&slice);
+        let body = slice.vertices();
         let [along, storage] = error(&frame, &body, frame.minimax_strength(&body));
         let [along_unwarped, storage_unwarped] = error(&frame, &body, 0.0);
         prop_assert!(along <= along_unwarped * (1.0 + 1e-9));
@@ -95,7 +95,7 @@ proptest! {
         strength in 0.0..2.0_f64,
     ) {
         let frame = WarpFrame::of_view(&view, to_light).unwrap();
-        let body = slice_vertices(&slice);
+        let body = slice.vertices();
         let [best, _] = error(&frame, &body, frame.minimax_strength(&body));
         let [other, _] = error(&frame, &body, strength / near);
         prop_assert!(best <= other * (1.0 + 1e-9));
@@ -109,7 +109,7 @@ proptest! {
         towards_light in 0.0..100.0_f64,
     ) {
         let frame = WarpFrame::of_view(&view, to_light).unwrap();
-        let body = slice_vertices(&slice);
+        let body = slice.vertices();
         let map = frame.clip_from_world(&body, strength / near);
         for vertex in body {
             let clip = map * vertex.position.extend(1.0);
@@ -134,7 +134,7 @@ proptest! {
 fn minimax_strength_is_continuous_down_to_zero() {
     let view = view(DVec2::new(0.8, 0.6));
     let (near, far) = (1.0, 1000.0);
-    let body = slice_vertices(&view.slice(near, far).unwrap());
+    let body = view.slice(near, far).unwrap().vertices();
     for azimuth in [0.0, 0.3, 0.8, 1.5] {
         let across = DVec3::new(f64::sin(azimuth), f64::cos(azimuth), 0.0);
         let strength = |step: i32| {

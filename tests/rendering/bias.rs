@@ -6,10 +6,7 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_pssm::{
-    geometry::{bias::MOST_TEXELS, split::split_planes},
-    prelude::*,
-};
+use bevy_pssm::{geometry::bias::MOST_TEXELS, plan::split_planes, prelude::*};
 use image::RgbImage;
 
 use crate::{
@@ -41,7 +38,7 @@ struct Variation {
 }
 
 /// A fit, or a warp of a share of the strength of perspective shadow maps.
-fn warped(fit: CascadeFit, share: f64) -> CascadeFit {
+fn warped(fit: CascadeFit, share: f32) -> CascadeFit {
     if share > 0.0 {
         CascadeFit::Warped(MapWarp::Strength(share))
     } else {
@@ -56,9 +53,7 @@ fn variations() -> Vec<Variation> {
     let temporal = ShadowFilter::Temporal(FilterRadius::Texels(2.0));
     let soft = ShadowFilter::Soft { sun_degrees: 0.53 };
     let minimax = || CascadeFit::Warped(MapWarp::Minimax);
-    let sharp = CascadeFit::Auto {
-        prefer: Preference::Sharpness,
-    };
+    let sharp = CascadeFit::Auto { sharpness: 1.0 };
     [
         (Stable, 1024, tent(1.0), 1.0, 0.0),
         (Stable, 1024, tent(2.65), 2.65, 0.0),
@@ -110,7 +105,7 @@ fn oblong(fit: CascadeFit) -> Variation {
         config: ParallelSplitShadows {
             far: 150.0,
             fit,
-            map_size: MapSize::Sides(vec![[2048, 1024]; 4]),
+            map_size: MapSize::PerCascade(vec![[2048, 1024]; 4]),
             ..default()
         },
         reach: 2.65,
@@ -414,9 +409,12 @@ fn biases_of_the_literature() {
                 fit: warped(CascadeFit::Stable, 1.0),
                 map_size: MapSize::Same(512),
                 filter: ShadowFilter::Hardware2x2,
-                bias,
-                depth,
-                caster_faces,
+                comparison: Comparison {
+                    bias,
+                    depth,
+                    caster_faces,
+                    ..default()
+                },
                 ..default()
             };
             studio.apply(&Setting::pssm("literature", config));
@@ -461,7 +459,7 @@ fn softness_does_not_jump_at_splits() {
         .world()
         .entity_mut(camera)
         .insert(ShadowFilteringMethod::Gaussian);
-    let mut widths = |config: ParallelSplitShadows, warp: f64, windows: &[[f64; 2]]| -> Vec<f64> {
+    let mut widths = |config: ParallelSplitShadows, warp: f32, windows: &[[f64; 2]]| -> Vec<f64> {
         let fit = warped(CascadeFit::Stable, warp);
         studio.apply(&Setting::pssm(
             "seams",
@@ -476,10 +474,18 @@ fn softness_does_not_jump_at_splits() {
     let config = ParallelSplitShadows {
         far: 150.0,
         map_size: MapSize::Same(1024),
-        focus: ShadowFocus::Off,
+        comparison: Comparison {
+            focus: ShadowFocus::Off,
+            ..Default::default()
+        },
         ..default()
     };
-    let planes = split_planes(&config.splits, config.near, config.far, 4);
+    let planes = split_planes(
+        &config.splits,
+        f64::from(config.near),
+        f64::from(config.far),
+        4,
+    );
     // Nearer planes lie below the picture.
     for plane in &planes[2..4] {
         let around = [[0.985 * plane, *plane], [*plane, 1.015 * plane]];

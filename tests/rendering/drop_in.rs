@@ -357,7 +357,7 @@ fn two_suns_of_ours() {
     for sun in suns.into_iter().filter(|sun| *sun != first) {
         stage.world().entity_mut(sun).insert(ParallelSplitShadows {
             cascades: 3,
-            map_size: MapSize::List(vec![1500, 1024, 700]),
+            map_size: MapSize::PerCascade(vec![[1500; 2], [1024; 2], [700; 2]]),
             ..shadows()
         });
     }

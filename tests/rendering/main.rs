@@ -21,6 +21,7 @@ mod compare;
 mod drop_in;
 mod life_cycle;
 mod maps;
+mod obstacles;
 mod scenes;
 mod shader_module;
 mod stability;

@@ -37,7 +37,10 @@ fn each_map_has_its_span() {
     let sun = stage.sun();
     // Nothing is seen in the nearest slice.
     let shadows = ParallelSplitShadows {
-        focus: ShadowFocus::Off,
+        comparison: Comparison {
+            focus: ShadowFocus::Off,
+            ..Default::default()
+        },
         ..shadows()
     };
     stage.world().entity_mut(sun).insert(shadows);

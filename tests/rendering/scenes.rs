@@ -149,7 +149,7 @@ fn check_culling(name: &str) {
         let sun = stage.sun;
         stage.world().entity_mut(sun).insert(light);
         let mut picture = |culling| -> RgbaImage {
-            stage.configure(|shadows| shadows.culling = culling);
+            stage.configure(|shadows| shadows.comparison.culling = culling);
             stage.headless.picture()
         };
         let off = picture(CasterCulling::Off);
@@ -215,9 +215,7 @@ fn shadows_are_nearer_to_the_truth_than_bevys() {
     let mut lines = vec!["scene,technique,wrong_pct,stain_pct,mae_pct".to_owned()];
     let mut failures = Vec::new();
     let warped = CascadeFit::Warped(MapWarp::Minimax);
-    let sharp = CascadeFit::Auto {
-        prefer: Preference::Sharpness,
-    };
+    let sharp = CascadeFit::Auto { sharpness: 1.0 };
     for (name, (first_far, normal_bias)) in SCENES.into_iter().zip(TUNED) {
         let app = measurable_app(size, |app| {
             app.add_plugins(ScenesPlugin);

@@ -12,7 +12,7 @@ use bevy::{
     },
 };
 
-use bevy_pssm::{ShaderParts, shaders::shader_defs};
+use bevy_pssm::{ShaderFeatures, shaders::shader_defs};
 
 use crate::stage::Stage;
 
@@ -100,14 +100,14 @@ fn every_flag_combination_compiles() {
     let mut compiled = 0;
     for set in 0..128_u32 {
         let has = |bit: u32| set & (1 << bit) != 0;
-        let parts = ShaderParts {
+        let parts = ShaderFeatures {
             biases: has(0),
             tents: has(1),
             temporal: has(2),
             soft: has(3),
             warps: has(4),
             overlays: has(5),
-            stock: has(6),
+            built_in: has(6),
             // With half of everything else.
             faces: set.count_ones() % 2 == 1,
         };
@@ -140,7 +140,7 @@ fn every_flag_combination_compiles() {
                     .unwrap_or_else(|error| panic!("{parts:?}, {defs:?}: {error}"));
                 for (name, part) in [
                     ("fetch_split_shadow", true),
-                    ("stock_fetch_directional_shadow", parts.stock),
+                    ("built_in_fetch_directional_shadow", parts.built_in),
                     ("manual", parts.biases),
                     ("soft(lookup", parts.soft),
                     (

@@ -7,10 +7,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_pssm::{
-    ShadowPlans,
-    geometry::{aliasing::Aliasing, warp::slice_vertices},
-    plan::CascadePlan,
-    systems::view_volume,
+    ShadowPlans, geometry::aliasing::Aliasing, plan::CascadePlan, systems::view_volume,
 };
 
 use super::accuracy::Truth;
@@ -84,7 +81,7 @@ fn stock_maps(
         ];
         let predicted = view
             .slice(near, far)
-            .and_then(|slice| Aliasing::over(&clip_from_world, axes, &slice_vertices(&slice)))
+            .and_then(|slice| Aliasing::over(&clip_from_world, axes, &slice.vertices()))
             .map(|worst| worst.pixels_per_texel(size, height).max_element().recip());
         Map {
             clip_from_world,

@@ -142,7 +142,7 @@ impl Studio {
         mut done: impl FnMut(),
     ) -> Outcome {
         let near = match &setting.technique {
-            Technique::Pssm(config) => config.near,
+            Technique::Pssm(config) => f64::from(config.near),
             Technique::Bevy(stock) => f64::from(stock.near),
         };
         let (camera, sun, height) = (self.camera, self.sun, f64::from(self.size.y));

@@ -44,10 +44,10 @@ pub struct Stock {
 impl Stock {
     /// Bevy's defaults, over a preset's distances.
     pub fn new(map_size: u32, preset: &ParallelSplitShadows) -> Self {
-        let far = preset.far as f32;
+        let far = preset.far;
         Self {
             map_size,
-            near: preset.near as f32,
+            near: preset.near,
             first_far: CascadeShadowConfigBuilder::default().first_cascade_far_bound,
             far,
             depth_bias: DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS,
@@ -152,10 +152,10 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         return settings;
     }
     let minimax = || CascadeFit::Warped(MapWarp::Minimax);
-    let auto = |prefer| CascadeFit::Auto { prefer };
+    let auto = |sharpness| CascadeFit::Auto { sharpness };
     for (name, fit) in [
-        ("auto 2048", auto(Preference::Sharpness)),
-        ("auto 2048 half", auto(Preference::Between(0.5))),
+        ("auto 2048", auto(1.0)),
+        ("auto 2048 half", auto(0.5)),
         ("faces 2048", CascadeFit::Faces),
         ("warped 2048 lispsm", CascadeFit::Warped(MapWarp::Lispsm)),
         (
@@ -176,16 +176,16 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             config.slack = 0.0;
         }),
         fitted("tight 2048 no focus", CascadeFit::Tight, &|config| {
-            config.focus = ShadowFocus::Off;
+            config.comparison.focus = ShadowFocus::Off;
         }),
         fitted("tight 2048 lambda 0.8", CascadeFit::Tight, &|config| {
             config.splits = SplitScheme::Practical { lambda: 0.8 };
         }),
         fitted("warped 2048 no focus", minimax(), &|config| {
-            config.focus = ShadowFocus::Off;
+            config.comparison.focus = ShadowFocus::Off;
         }),
         fitted("warped 2048 middle", minimax(), &|config| {
-            config.warp_axis = WarpAxis::Middle;
+            config.comparison.warp_axis = WarpAxis::BodyCenter;
         }),
         fitted("warped 2048 lambda 0.8", minimax(), &|config| {
             config.splits = SplitScheme::Practical { lambda: 0.8 };
@@ -216,7 +216,10 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         ),
         Setting::pssm(
             "stable 4096 near",
-            with(&|config| config.map_size = MapSize::List(vec![4096, 4096, 2048, 2048])),
+            with(&|config| {
+                config.map_size =
+                    MapSize::PerCascade(vec![[4096; 2], [4096; 2], [2048; 2], [2048; 2]]);
+            }),
         ),
         stable("dithered", &|config| {
             config.transition = CascadeTransition::Dither;
@@ -247,7 +250,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             ("normal offset", ShadowBias::NormalOffset { texels: 3.0 }),
             ("receiver plane", ShadowBias::ReceiverPlane { meters: 0.05 }),
         ]
-        .map(|(name, bias)| stable(name, &|config| config.bias = bias)),
+        .map(|(name, bias)| stable(name, &|config| config.comparison.bias = bias)),
     );
     settings
 }

@@ -231,15 +231,12 @@ impl Studio {
         let sun = self.sun;
         self.ours = matches!(setting.technique, Technique::Pssm(_));
         // Settings before this one have not left their parts in the shader.
-        if let Some(mut parts) = self.world().get_resource_mut::<ShaderParts>() {
-            *parts = ShaderParts::default();
+        if let Some(mut parts) = self.world().get_resource_mut::<ShaderFeatures>() {
+            *parts = ShaderFeatures::default();
         }
         match &setting.technique {
             Technique::Pssm(config) => {
-                let config = ParallelSplitShadows {
-                    enabled: true,
-                    ..config.clone()
-                };
+                let config = config.clone();
                 let world = self.world();
                 world.entity_mut(sun).insert(config);
                 if let Some(mut light) = world.get_mut::<DirectionalLight>(sun) {
@@ -248,12 +245,8 @@ impl Studio {
                 }
             }
             Technique::Bevy(stock) => {
-                let enabled = |shadows: &ParallelSplitShadows| shadows.enabled;
-                let world = self.world();
-                if world.get::<ParallelSplitShadows>(sun).is_some_and(enabled) {
-                    if let Some(mut shadows) = world.get_mut::<ParallelSplitShadows>(sun) {
-                        shadows.enabled = false;
-                    }
+                let mut sun_entity = self.world().entity_mut(sun);
+                if sun_entity.take::<ParallelSplitShadows>().is_some() {
                     // The plugin restores what it found before Bevy's own can be changed.
                     self.headless.step();
                 }

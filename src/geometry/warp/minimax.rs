@@ -1,6 +1,7 @@
 //! The strength with the least worst error.
 
-use super::{BodyVertex, WarpFrame};
+use super::WarpFrame;
+use crate::geometry::slice::BodyVertex;
 
 /// Storage that a warp may cost, over that of no warp. A little more than 1, so that where one
 /// strength after another is equally good none is far from its neighbors.

@@ -15,38 +15,9 @@ use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 use super::{
     aliasing::Aliasing,
     bias::MapDerivatives,
-    body::ConvexBody,
     fit::{LookupReach, usable},
-    slice::{Slice, ViewVolume},
+    slice::{BodyVertex, ViewVolume},
 };
-use crate::config::{MapWarp, WarpAxis};
-
-/// A vertex of the convex body that a map covers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BodyVertex {
-    /// Where it is, in world space.
-    pub position: DVec3,
-    /// Height that the image has at its depth (meters).
-    pub image_height: f64,
-}
-
-/// The vertices of a body that a view sees.
-pub fn body_vertices(view: &ViewVolume, body: &ConvexBody) -> Vec<BodyVertex> {
-    let per_depth = view.per_depth();
-    let vertex = |corner: &DVec3| BodyVertex {
-        position: *corner,
-        image_height: view.image_height(per_depth.dot(*corner - view.eye)),
-    };
-    body.corners.iter().map(vertex).collect()
-}
-
-/// The vertices of a slice, in the order of its corners.
-pub fn slice_vertices(slice: &Slice) -> [BodyVertex; 8] {
-    core::array::from_fn(|corner| BodyVertex {
-        position: slice.corners[corner],
-        image_height: slice.image_height(corner),
-    })
-}
 
 /// The frame of a warped map: orthonormal and right-handed, with its origin at the eye.
 ///
@@ -87,10 +58,12 @@ impl WarpFrame {
     /// where light and view are parallel and no strength is above zero. `None` if `to_light`
     /// has no direction or the camera no axes.
     pub fn of_view(view: &ViewVolume, to_light: DVec3) -> Option<Self> {
-        Self::along_or_up(view, forward(view)?, to_light)
+        Self::along_or_up(view, view.forward()?, to_light)
     }
 
-    fn along_or_up(view: &ViewVolume, away: DVec3, to_light: DVec3) -> Option<Self> {
+    /// A frame whose warp runs along `away`, or along the camera's up where that is parallel to the
+    /// light and no strength is above zero. `None` as for [`WarpFrame::of_view`].
+    pub fn along_or_up(view: &ViewVolume, away: DVec3, to_light: DVec3) -> Option<Self> {
         let sine = away.cross(to_light.try_normalize()?).length();
         if sine > PARALLEL * away.length() {
             return Self::new(view.eye, away, to_light);
@@ -210,48 +183,6 @@ impl WarpFrame {
         let p = vertex.position - self.eye;
         DVec3::new(self.x.dot(p), self.y.dot(p), self.z.dot(p))
     }
-}
-
-/// The direction that a warp over what is seen of a body runs along. `None` if the camera has none.
-pub fn away(axis: WarpAxis, view: &ViewVolume, seen: &ConvexBody) -> Option<DVec3> {
-    match axis {
-        WarpAxis::View => forward(view),
-        WarpAxis::Middle => (seen.centroid() - view.eye).try_normalize(),
-    }
-}
-
-/// The frame and the strength (1/meters) of a warp along a direction, over what is seen of a body.
-/// `None` if light or camera have no direction.
-pub fn lay(
-    warp: MapWarp,
-    away: DVec3,
-    view: &ViewVolume,
-    to_light: DVec3,
-    seen: &ConvexBody,
-) -> Option<(WarpFrame, f64)> {
-    let frame = WarpFrame::along_or_up(view, away, to_light)?;
-    let body = body_vertices(view, seen);
-    let (near, far) = extremes(seen.corners.iter().map(|corner| view.depth_of(*corner)));
-    let strength = match warp {
-        MapWarp::Minimax => frame.guarded_minimax_strength(&body),
-        // Nothing that is farther looks smaller, or it does from the eye on: no warp, or no bounds.
-        _ if !is_perspective(view) || near <= 0.0 => 0.0,
-        MapWarp::Lispsm => frame.lispsm_strength(near, far),
-        MapWarp::Lloyd { eta } => frame.lloyd_strength(eta, near, far),
-        MapWarp::Trapezoid { focus } => frame.trapezoid_strength(view, &body, near, far, focus),
-        MapWarp::Strength(share) => share * frame.sine / near,
-    };
-    Some((frame, if strength.is_finite() { strength } else { 0.0 }))
-}
-
-/// Whether what is farther looks smaller.
-fn is_perspective(view: &ViewVolume) -> bool {
-    view.max[1].y > view.min[1].y
-}
-
-/// The direction in which the camera looks.
-pub(super) fn forward(view: &ViewVolume) -> Option<DVec3> {
-    (-view.axes.z_axis).try_normalize()
 }
 
 fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {

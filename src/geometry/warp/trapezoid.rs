@@ -1,8 +1,8 @@
 //! Trapezoidal shadow maps (Martin and Tan 2004): what lies nearer than a focus gets a fixed share of
 //! the map.
 
-use super::{BodyVertex, WarpFrame, forward};
-use crate::geometry::slice::ViewVolume;
+use super::WarpFrame;
+use crate::geometry::slice::{BodyVertex, ViewVolume};
 
 /// Share of the map for what lies nearer than the focus.
 const LINE: f64 = 0.8;
@@ -23,7 +23,7 @@ impl WarpFrame {
         let (near_line, far_line) = self.lines(body);
         let length = far_line - near_line;
         let depth = near + focus * (far - near);
-        let forward = forward(view).map_or(0.0, |forward| forward.dot(self.y));
+        let forward = view.forward().map_or(0.0, |forward| forward.dot(self.y));
         let to_focus = depth * forward - near_line;
         // Where it lands is s (η + λ) / (λ (η + s)); here solved for 1/η.
         let strength =

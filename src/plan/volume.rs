@@ -1,43 +1,44 @@
-//! The part of a slice that a map must cover.
+//! The volume that a map must cover: a slice, or the part of one in which anything receives shadows.
 
 use glam::{DVec3, DVec4};
 
 use super::{CascadeHistory, PlanInputs};
 use crate::geometry::{
-    body::{ConvexBody, HalfSpace},
+    body::ConvexBody,
     face::Wedge,
+    half_space::HalfSpace,
+    hysteresis::Slack,
     receivers::Extent,
     slice::{Depth, Slice},
-    steady::Slack,
 };
 
-pub(super) struct Body {
+/// What a cascade's map must cover.
+pub(super) struct CascadeVolume {
     pub slice: Slice,
     /// What of the slice can receive shadows.
-    pub whole: ConvexBody,
+    pub body: ConvexBody,
     /// That from the configuration's near on, if it is less: at the eye no map is large enough.
     beyond_near: Option<ConvexBody>,
     /// Along what a warp runs, if that is not the configuration's.
     pub axis: Option<DVec3>,
 }
 
-impl Body {
+impl CascadeVolume {
     /// All of a slice. `None` if there is nothing between the depths.
     pub fn of_slice(inputs: &PlanInputs, (near, far): (f64, f64)) -> Option<Self> {
-        let PlanInputs { view, config, .. } = inputs;
-        let slice = view.slice(near, far)?;
-        let whole = ConvexBody::of_slice(&slice);
-        let mut body = Self {
+        let slice = inputs.view.slice(near, far)?;
+        let body = ConvexBody::of_slice(&slice);
+        let mut volume = Self {
             slice,
-            whole,
+            body,
             beyond_near: None,
             axis: None,
         };
-        if near < config.near {
-            let beyond = Depth::new(view).beyond(config.near);
-            body.beyond_near = Some(body.whole.clone().within([beyond]));
+        if near < inputs.near() {
+            let beyond = Depth::new(inputs.view).beyond(inputs.near());
+            volume.beyond_near = Some(volume.body.clone().within([beyond]));
         }
-        Some(body)
+        Some(volume)
     }
 
     /// The part in which something receives shadows, if there is any. `found` is their extent.
@@ -50,7 +51,7 @@ impl Body {
         if found.is_empty() {
             return None;
         }
-        let found = steady_extent(found, inputs.config.slack, self.slice.radius, history);
+        let found = kept_extent(found, inputs.slack(), self.slice.radius, history);
         self.clipped(&found.planes(&Depth::new(inputs.view)))
     }
 
@@ -59,41 +60,39 @@ impl Body {
         let beyond = self.beyond_near.as_ref();
         beyond
             .filter(|beyond| !beyond.is_empty())
-            .unwrap_or(&self.whole)
+            .unwrap_or(&self.body)
     }
 
     /// The part in a wedge, if there is any.
     pub fn within(self, wedge: Wedge) -> Option<Self> {
-        let body = self.clipped(&wedge.planes)?;
         Some(Self {
             axis: Some(wedge.axis),
-            ..body
+            ..self.clipped(&wedge.planes)?
         })
     }
 
     fn clipped(mut self, planes: &[HalfSpace]) -> Option<Self> {
-        self.whole = self.whole.within(planes.iter().copied());
+        self.body = self.body.within(planes.iter().copied());
         self.beyond_near = self
             .beyond_near
             .map(|beyond| beyond.within(planes.iter().copied()));
-        (!self.whole.is_empty()).then_some(self)
+        (!self.body.is_empty()).then_some(self)
     }
 }
 
 /// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
-const LEAST_THICKNESS: f64 = 1e-4;
+const MIN_THICKNESS: f64 = 1e-4;
 
-fn steady_extent(found: Extent, slack: f64, radius: f64, history: &mut CascadeHistory) -> Extent {
-    let pad = DVec4::splat(LEAST_THICKNESS * radius);
+fn kept_extent(found: Extent, slack: Slack, radius: f64, history: &mut CascadeHistory) -> Extent {
+    let pad = DVec4::splat(MIN_THICKNESS * radius);
     let [lo, hi] = [found.lo - pad, found.hi + pad];
-    let slack = Slack(slack);
     let [x, y, z] = [0, 1, 2].map(|axis| {
         let needed = [lo[axis], hi[axis]];
         slack.interval(needed, radius, &mut history.bounds[axis])
     });
     let [near, far] = &mut history.depths;
     Extent {
-        lo: DVec4::new(x[0], y[0], z[0], slack.shorter(lo.w, near)),
-        hi: DVec4::new(x[1], y[1], z[1], slack.length(hi.w, far)),
+        lo: DVec4::new(x[0], y[0], z[0], slack.round_down(lo.w, near)),
+        hi: DVec4::new(x[1], y[1], z[1], slack.round_up(hi.w, far)),
     }
 }

@@ -1,26 +1,13 @@
-//! Parts of the shader library that not every game needs.
-
-use core::sync::atomic::{AtomicBool, Ordering};
+//! Features of the shader library that not every game needs.
 
 use bevy::{
-    ecs::{
-        change_detection::DetectChangesMut,
-        reflect::ReflectResource,
-        resource::Resource,
-        system::{Query, Res, ResMut},
-    },
-    light::DirectionalLight,
-    platform::sync::Arc,
+    ecs::{reflect::ReflectResource, resource::Resource},
     reflect::{Reflect, std_traits::ReflectDefault},
     shader::ShaderDefVal,
 };
 
-use crate::{
-    config::{
-        CascadeFit, DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter,
-    },
-    debug::ShadowOverlay,
-    systems::ManagedLight,
+use crate::config::{
+    CascadeFit, DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter,
 };
 
 /// Parts of the shader that are compiled in, for code that never runs costs registers all the
@@ -29,12 +16,12 @@ use crate::{
 /// A part is added when something first asks for it, and stays. All materials' pipelines are then
 /// compiled anew, as when a camera changes its `ShadowFilteringMethod`, and draw nothing until
 /// they are. A game that changes such settings while it runs can insert what it will
-/// need beforehand, [`ShaderParts::ALL`] or less.
+/// need beforehand, [`ShaderFeatures::ALL`] or less.
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
-pub struct ShaderParts {
+pub struct ShaderFeatures {
     /// Bevy's own lookups, for directional lights that cast shadows without the plugin.
-    pub stock: bool,
+    pub built_in: bool,
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
     /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit`]s other
@@ -48,14 +35,14 @@ pub struct ShaderParts {
     pub warps: bool,
     /// [`CascadeFit::Faces`].
     pub faces: bool,
-    /// [`ShadowOverlay`].
+    /// [`ShadowOverlay`](crate::ShadowOverlay).
     pub overlays: bool,
 }
 
-impl ShaderParts {
+impl ShaderFeatures {
     /// Everything that settings can ask for.
     pub const ALL: Self = Self {
-        stock: true,
+        built_in: true,
         biases: true,
         tents: true,
         temporal: true,
@@ -65,11 +52,11 @@ impl ShaderParts {
         overlays: true,
     };
 
-    fn of_light(config: &ParallelSplitShadows, light: &DirectionalLight) -> Self {
-        let filter = config.filter_for(light);
+    /// What a light's settings and its filter need.
+    pub(crate) fn needed_by(config: &ParallelSplitShadows, filter: ShadowFilter) -> Self {
         Self {
-            biases: config.bias != ShadowBias::Automatic
-                || config.depth == DepthDistribution::Linear,
+            biases: config.comparison.bias != ShadowBias::Automatic
+                || config.comparison.depth == DepthDistribution::Linear,
             tents: matches!(filter, ShadowFilter::Tent(_) | ShadowFilter::Hardware2x2)
                 || !config.has_square_texels(),
             temporal: matches!(filter, ShadowFilter::Temporal(_)),
@@ -80,9 +67,9 @@ impl ShaderParts {
         }
     }
 
-    fn union(self, other: Self) -> Self {
+    pub(crate) fn union(self, other: Self) -> Self {
         Self {
-            stock: self.stock || other.stock,
+            built_in: self.built_in || other.built_in,
             biases: self.biases || other.biases,
             tents: self.tents || other.tents,
             temporal: self.temporal || other.temporal,
@@ -96,7 +83,7 @@ impl ShaderParts {
     /// The switches of the shader library that leave all else out.
     pub fn defs(self) -> [ShaderDefVal; 8] {
         [
-            ("PSSM_STOCK", self.stock),
+            ("PSSM_BUILT_IN", self.built_in),
             ("PSSM_BIASES", self.biases),
             ("PSSM_TENTS", self.tents),
             ("PSSM_TEMPORAL", self.temporal),
@@ -107,37 +94,4 @@ impl ShaderParts {
         ]
         .map(|(name, set)| ShaderDefVal::Bool(name.into(), set))
     }
-}
-
-/// Set by the render world while it leaves maps of managed lights to Bevy: shared by both worlds.
-#[derive(Resource, Debug, Default, Clone)]
-pub(crate) struct LeftToBevy(Arc<AtomicBool>);
-
-impl LeftToBevy {
-    pub fn set(&self, left: bool) {
-        self.0.store(left, Ordering::Relaxed);
-    }
-
-    pub fn get(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
-}
-
-/// Adds what this frame's lights need.
-pub(crate) fn add_needed_parts(
-    mut parts: ResMut<ShaderParts>,
-    overlay: Res<ShadowOverlay>,
-    left_to_bevy: Res<LeftToBevy>,
-    lights: Query<(&DirectionalLight, Option<&ManagedLight>)>,
-) {
-    let mut needed = *parts;
-    needed.overlays |= *overlay != ShadowOverlay::None;
-    needed.stock |= left_to_bevy.get();
-    for (light, managed) in &lights {
-        match managed.and_then(ManagedLight::config) {
-            Some(config) => needed = needed.union(ShaderParts::of_light(config, light)),
-            None => needed.stock |= light.shadow_maps_enabled,
-        }
-    }
-    parts.set_if_neq(needed);
 }

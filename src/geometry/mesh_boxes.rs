@@ -1,4 +1,4 @@
-//! Boxes of a surface's parts: how a large mesh, a terrain of one piece, is known better than by
+//! Boxes around a surface's parts: how a large mesh, a terrain of one piece, is known better than by
 //! one box.
 
 use glam::{UVec2, Vec2, Vec3};
@@ -10,12 +10,12 @@ pub type Corners = [Vec3; 2];
 const TRIANGLES: f32 = 128.0;
 
 /// A surface has at most so many parts along a side.
-const MOST_PER_SIDE: u32 = 32;
+const MAX_PER_SIDE: u32 = 32;
 
 /// The boxes of a surface's parts, which together hold all its triangles: columns along its bounds'
 /// shortest side, over squares of the other two. Each triangle is wholly in the part that its middle
 /// is in. Parts without triangles are left out, and triangles that are not finite.
-pub fn parts<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
+pub fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
     let finite = || triangles().filter(|corners| corners.iter().all(|corner| corner.is_finite()));
     let (bounds, count) = finite().fold((NOTHING, 0_u32), |(bounds, count), triangle| {
         (grown(bounds, triangle), count.saturating_add(1))
@@ -34,7 +34,7 @@ pub fn parts<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Co
     if !(square > 0.0 && square.is_finite()) {
         return if count > 0 { vec![bounds] } else { Vec::new() };
     }
-    let most = UVec2::splat(MOST_PER_SIDE);
+    let most = UVec2::splat(MAX_PER_SIDE);
     let cells = (extent / square).ceil().as_uvec2().clamp(UVec2::ONE, most);
     let mut found = vec![NOTHING; (cells.x * cells.y) as usize];
     for triangle in finite() {

@@ -9,17 +9,17 @@ use bevy::{
     platform::collections::HashMap,
 };
 
-use crate::geometry::{parts::parts, steady::PATIENCE};
+use crate::geometry::{hysteresis::SHRINK_DELAY, mesh_boxes::part_boxes};
 
-/// What has fewer is no terrain (triangles).
-const LEAST_TRIANGLES: usize = 512;
+/// Smaller meshes are known by their own box (triangles).
+const MIN_TRIANGLES: usize = 512;
 
 /// Boxes that differ by less than this, as a share of their size, are the same.
 const ROUNDING: f32 = 1e-5;
 
 /// The boxes of meshes' parts, worked out when they are first asked for.
 #[derive(Resource, Debug, Default)]
-pub struct MeshParts {
+pub struct MeshBoxes {
     known: HashMap<AssetId<Mesh>, Known>,
     /// Meshes that have changed lately, and for how many frames more they have no parts: those that
     /// change with every frame would cost too much.
@@ -32,7 +32,7 @@ struct Known {
     parts: Vec<Aabb>,
 }
 
-impl MeshParts {
+impl MeshBoxes {
     /// The boxes of a mesh's parts, in its own space. Empty if the mesh is small, not there, without
     /// indices, changing, moved by joints or targets, or if an entity's box is not that of the mesh's
     /// vertices: then something else moves them.
@@ -58,7 +58,7 @@ impl Known {
             mesh.try_has_morph_targets(),
         ];
         let is_rigid = moves.iter().all(|moves| matches!(moves, Ok(false)));
-        if triangles < LEAST_TRIANGLES || !is_rigid {
+        if triangles < MIN_TRIANGLES || !is_rigid {
             return None;
         }
         let vertices = mesh.try_attribute(Mesh::ATTRIBUTE_POSITION).ok()?;
@@ -67,7 +67,7 @@ impl Known {
             let triangles = mesh.triangles().into_iter().flatten();
             triangles.map(|triangle| triangle.vertices)
         };
-        let boxes = parts(triangles).into_iter();
+        let boxes = part_boxes(triangles).into_iter();
         Some(Self {
             whole: Aabb::enclosing(vertices)?,
             parts: boxes.map(|[lo, hi]| Aabb::from_min_max(lo, hi)).collect(),
@@ -82,8 +82,8 @@ fn is_same(a: &Aabb, b: &Aabb) -> bool {
 }
 
 /// Forgets the parts of meshes that have changed or gone.
-pub fn forget_parts(mut events: MessageReader<AssetEvent<Mesh>>, mut parts: ResMut<MeshParts>) {
-    let MeshParts { known, changing } = &mut *parts;
+pub fn forget_changed(mut events: MessageReader<AssetEvent<Mesh>>, mut boxes: ResMut<MeshBoxes>) {
+    let MeshBoxes { known, changing } = &mut *boxes;
     changing.retain(|_, frames| {
         *frames -= 1;
         *frames > 0
@@ -92,7 +92,7 @@ pub fn forget_parts(mut events: MessageReader<AssetEvent<Mesh>>, mut parts: ResM
         match event {
             AssetEvent::Modified { id } => {
                 known.remove(id);
-                changing.insert(*id, PATIENCE);
+                changing.insert(*id, SHRINK_DELAY);
             }
             AssetEvent::Removed { id } | AssetEvent::Added { id } => {
                 known.remove(id);

@@ -1,4 +1,5 @@
-//! Sizes that would change with every frame, held: they grow at once, shrink late, and in steps.
+//! Hysteresis for sizes that would change with every frame: they grow at once, shrink after a
+//! delay, and both in steps.
 
 /// How much larger than needed something may be, as a share; 0 for not at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -6,14 +7,14 @@ pub struct Slack(pub f64);
 
 /// A value that is held from frame to frame.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
-pub struct Held<T> {
+pub struct Kept<T> {
     value: Option<T>,
     /// For how many frames in a row it has been much larger than needed.
-    idle: u32,
+    frames_too_large: u32,
 }
 
 /// Frames for which something must have been too large before it shrinks: half a second, say.
-pub const PATIENCE: u32 = 30;
+pub const SHRINK_DELAY: u32 = 30;
 
 /// Steps are powers and multiples of floating-point numbers, and compared with such.
 const ROUNDING: f64 = 1e-9;
@@ -21,16 +22,16 @@ const ROUNDING: f64 = 1e-9;
 impl Slack {
     /// A length that is at least as long as needed (meters): a whole power of `1 + slack`. One that
     /// is held stays until it is too short, or has been two steps too long for a while.
-    pub fn length(self, needed: f64, held: &mut Held<f64>) -> f64 {
-        self.power(needed, held, 1.0)
+    pub fn round_up(self, needed: f64, kept: &mut Kept<f64>) -> f64 {
+        self.power(needed, kept, 1.0)
     }
 
-    /// As [`Slack::length`], for a length that must not be longer than needed.
-    pub fn shorter(self, needed: f64, held: &mut Held<f64>) -> f64 {
-        self.power(needed, held, -1.0)
+    /// As [`Slack::round_up`], for a length that must not be longer than needed.
+    pub fn round_down(self, needed: f64, kept: &mut Kept<f64>) -> f64 {
+        self.power(needed, kept, -1.0)
     }
 
-    fn power(self, needed: f64, held: &mut Held<f64>, side: f64) -> f64 {
+    fn power(self, needed: f64, kept: &mut Kept<f64>, side: f64) -> f64 {
         if self.0 <= ROUNDING || needed <= 0.0 || !needed.is_finite() {
             return needed;
         }
@@ -38,7 +39,7 @@ impl Slack {
         let steps = side * needed.ln() / step.ln();
         let rounded = step.powf(side * (steps - ROUNDING).ceil());
         let too_large = |value: f64| side * (value / rounded).ln();
-        held.update(
+        kept.update(
             rounded,
             |value| side * (value / needed).ln() >= -ROUNDING,
             |value| too_large(value) <= step.ln() + ROUNDING,
@@ -47,7 +48,7 @@ impl Slack {
 
     /// An interval that holds the one needed (meters), its ends multiples of `slack · scale`. One
     /// that is held stays until it is too narrow, or has been two steps too wide for a while.
-    pub fn interval(self, needed: [f64; 2], scale: f64, held: &mut Held<[f64; 2]>) -> [f64; 2] {
+    pub fn interval(self, needed: [f64; 2], scale: f64, kept: &mut Kept<[f64; 2]>) -> [f64; 2] {
         let step = self.0 * scale;
         if self.0 <= ROUNDING || step <= 0.0 || !step.is_finite() {
             return needed;
@@ -55,7 +56,7 @@ impl Slack {
         let [lo, hi] = needed.map(|end| end / step);
         let rounded = [(lo + ROUNDING).floor(), (hi - ROUNDING).ceil()];
         let in_steps = |[low, high]: [f64; 2]| [low / step, high / step];
-        held.update(
+        kept.update(
             rounded.map(|end| end * step),
             |value| {
                 let [low, high] = in_steps(value);
@@ -69,17 +70,17 @@ impl Slack {
     }
 }
 
-impl<T: Copy> Held<T> {
+impl<T: Copy> Kept<T> {
     /// What is held, or else what is `needed`.
     fn update(&mut self, needed: T, suffices: impl Fn(T) -> bool, fits: impl Fn(T) -> bool) -> T {
-        let kept = self.value.filter(|value| suffices(*value));
-        match kept {
-            Some(value) if fits(value) => self.idle = 0,
-            Some(_) if self.idle < PATIENCE => self.idle += 1,
+        let sufficient = self.value.filter(|value| suffices(*value));
+        match sufficient {
+            Some(value) if fits(value) => self.frames_too_large = 0,
+            Some(_) if self.frames_too_large < SHRINK_DELAY => self.frames_too_large += 1,
             _ => {
                 *self = Self {
                     value: Some(needed),
-                    idle: 0,
+                    frames_too_large: 0,
                 };
             }
         }

@@ -1,0 +1,99 @@
+//! How large maps are.
+
+use bevy::reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault};
+use glam::UVec2;
+use serde::{Deserialize, Serialize};
+
+use super::ConfigError;
+
+/// The smallest map that still leaves room for the filter's guard texels.
+pub const MIN_MAP_SIZE: u32 = 64;
+
+/// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
+/// GPU allows, powers of two or not.
+///
+/// All maps live in one array texture whose layers are as wide and as high as the widest and the
+/// highest map: smaller maps save drawing, not memory, which is `4 bytes × width × height × maps`,
+/// spot lights' maps and every camera's included.
+#[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum MapSize {
+    /// One size for all.
+    Same(u32),
+    /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
+    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness,
+    /// and in all example scenes `Same` of the first size, which takes as much memory, has a
+    /// quarter to three fifths of the wrong pixels.
+    Halving(u32),
+    /// One width and height per cascade.
+    PerCascade(Vec<[u32; 2]>),
+    /// So many texels for all maps together, shared so that all are predicted to be equally sharp,
+    /// along both axes (Lloyd et al. 2006, Eqs. 13–14). Sizes change, if seldom, and with them the
+    /// texels of stable maps. No side is longer than twice that of an even share.
+    Budget(u32),
+}
+
+impl Default for MapSize {
+    fn default() -> Self {
+        Self::Same(2048)
+    }
+}
+
+impl MapSize {
+    /// Texels along the axes of cascade `index`; `None` if they depend on the plan.
+    pub fn of_cascade(&self, index: usize) -> Option<UVec2> {
+        let sides = match self {
+            Self::Same(size) => [*size; 2],
+            Self::Halving(first) => [(first >> index).max(MIN_MAP_SIZE); 2],
+            Self::PerCascade(sizes) => sizes.get(index).copied().unwrap_or([MIN_MAP_SIZE; 2]),
+            Self::Budget(_) => return None,
+        };
+        Some(sides.into())
+    }
+
+    /// Whether all maps are as wide as high.
+    pub fn is_square(&self) -> bool {
+        match self {
+            Self::Same(_) | Self::Halving(_) => true,
+            Self::PerCascade(sizes) => sizes.iter().all(|[width, height]| width == height),
+            Self::Budget(_) => false,
+        }
+    }
+}
+
+impl MapSize {
+    pub(super) fn validate(&self, cascades: u32, max: u32) -> Result<(), ConfigError> {
+        let range = MIN_MAP_SIZE..=max;
+        match self {
+            Self::Same(size) => ConfigError::check_range("map_size", *size, range),
+            Self::Halving(size) => {
+                ConfigError::check_range("map_size", *size, (MIN_MAP_SIZE << (cascades - 1))..=max)
+            }
+            Self::PerCascade(sizes) => {
+                Self::check_count(sizes.len(), cascades)?;
+                sizes
+                    .iter()
+                    .flatten()
+                    .try_for_each(|size| ConfigError::check_range("map_size", *size, range.clone()))
+            }
+            // Sides may be twice as long as an even share's, or half as long.
+            Self::Budget(texels) => {
+                let of_side = |side: u32| cascades.saturating_mul(side.saturating_mul(side));
+                let range = of_side(2 * MIN_MAP_SIZE)..=of_side(max / 2);
+                ConfigError::check_range("map_size", *texels, range)
+            }
+        }
+    }
+
+    fn check_count(count: usize, cascades: u32) -> Result<(), ConfigError> {
+        if count == cascades as usize {
+            return Ok(());
+        }
+        Err(ConfigError::WrongCount {
+            field: "map_size",
+            count,
+            expected: cascades as usize,
+            reason: "one size per cascade",
+        })
+    }
+}

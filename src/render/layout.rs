@@ -1,0 +1,264 @@
+//! Which layer of the target each map gets.
+//!
+//! While any light is managed, *all* maps that share Bevy's array texture move to the plugin's
+//! target: managed cascades, those of other directional lights, and spot lights' maps.
+
+use bevy::{ecs::entity::Entity, math::UVec2, pbr::MAX_DIRECTIONAL_LIGHTS};
+
+use super::{
+    adopt::{AdoptedLight, AdoptedLights, AdoptedMap},
+    extract::ExtractedCascade,
+    options::LookupOptions,
+};
+
+/// What layers are wanted for, and how many there can be.
+#[derive(Debug, Default)]
+pub(super) struct LayerRequest {
+    /// In the order in which they are drawn.
+    pub cameras: Vec<CameraRequest>,
+    /// View entities of spot lights' maps, and their index among spot lights.
+    pub spots: Vec<(Entity, u32)>,
+    /// Side of Bevy's own maps (texels).
+    pub built_in_size: u32,
+    /// What the GPU allows.
+    pub max_size: u32,
+    pub max_layers: u32,
+}
+
+/// A camera's share of the lights.
+#[derive(Debug)]
+pub(super) struct CameraRequest {
+    pub camera: Entity,
+    /// Lights in its uniform, shadowed or not.
+    pub light_count: usize,
+    /// Layers that Bevy counts for it.
+    pub built_in_layers: u32,
+    /// Cascades, light by light.
+    pub cascades: Vec<CascadeRequest>,
+}
+
+#[derive(Debug)]
+pub(super) struct CascadeRequest {
+    pub view: Entity,
+    pub light: Entity,
+    /// Position of the light in the camera's uniform.
+    pub light_index: u32,
+    /// Without meaning if the light is not managed.
+    pub options: LookupOptions,
+    /// `None` if the light is not managed.
+    pub cascade: Option<ExtractedCascade>,
+}
+
+/// Where all maps lie.
+#[derive(Debug, PartialEq)]
+pub(super) struct LayerLayout {
+    pub maps: Vec<(Entity, AdoptedMap)>,
+    pub cameras: Vec<(Entity, AdoptedLights)>,
+    pub layers: u32,
+    /// Of a layer (texels).
+    pub size: UVec2,
+}
+
+/// Layers for all maps; `None` if layers or the uniform's slots run out.
+pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
+    let built_in_size = UVec2::splat(request.built_in_size.min(request.max_size));
+    // Spot lights' maps come where the shader looks for them: right after the cascades of the
+    // camera that has the most.
+    let layers_before_spots = request.cameras.iter().map(|it| it.built_in_layers).max();
+    let layers_before_spots = layers_before_spots.unwrap_or(0);
+    let spot_count = request.spots.iter().map(|(_, index)| index + 1).max();
+    let spot_count = spot_count.unwrap_or(0);
+    let mut maps: Vec<(Entity, AdoptedMap)> = request
+        .spots
+        .iter()
+        .map(|(view, index)| {
+            let map = AdoptedMap {
+                layer: layers_before_spots + index,
+                size: built_in_size,
+                skip_if_empty: false,
+                spot_index: Some(*index),
+            };
+            (*view, map)
+        })
+        .collect();
+
+    let mut next_layer = 0;
+    let mut cameras = Vec::with_capacity(request.cameras.len());
+    for camera in &request.cameras {
+        let mut lights: Vec<AdoptedLight> = Vec::new();
+        for by_light in camera.cascades.chunk_by(|a, b| a.light == b.light) {
+            let first = &by_light[0];
+            lights.push(AdoptedLight {
+                index: first.light_index,
+                base_layer: next_layer,
+                options: first.options,
+                cascades: by_light.iter().map(|it| (it.view, it.cascade)).collect(),
+            });
+            for it in by_light {
+                let map_size = it.cascade.map(|cascade| cascade.map_size);
+                let map = AdoptedMap {
+                    layer: next_layer,
+                    size: map_size.map_or(built_in_size, |size| {
+                        size.min(UVec2::splat(request.max_size))
+                    }),
+                    skip_if_empty: it.cascade.is_some(),
+                    spot_index: None,
+                };
+                maps.push((it.view, map));
+                next_layer += 1;
+                if next_layer == layers_before_spots {
+                    next_layer += spot_count;
+                }
+            }
+        }
+        // The next camera starts behind the spot lights' maps.
+        next_layer = next_layer.max(layers_before_spots + spot_count);
+        let managed = lights.iter().filter(|light| light.is_managed()).count();
+        if camera.light_count + managed.max(1) > MAX_DIRECTIONAL_LIGHTS {
+            return None;
+        }
+        cameras.push((camera.camera, AdoptedLights { lights }));
+    }
+    let layers = maps.iter().map(|(_, map)| map.layer + 1).max().unwrap_or(0);
+    let size = maps.iter().map(|(_, map)| map.size).reduce(UVec2::max);
+    (layers <= request.max_layers).then(|| LayerLayout {
+        maps,
+        cameras,
+        layers,
+        size: size.unwrap_or(built_in_size),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entity(index: u32) -> Entity {
+        Entity::from_raw_u32(index).expect("a small index")
+    }
+
+    fn cascade(side: u32) -> ExtractedCascade {
+        ExtractedCascade {
+            map_size: UVec2::splat(side),
+            ..ExtractedCascade::NO_MAP
+        }
+    }
+
+    /// A camera with lights of so many cascades; of managed ones with the side of their maps.
+    fn camera(index: u32, lights: &[(u32, Option<u32>)]) -> CameraRequest {
+        let of_light = |(light_index, (count, side)): (usize, &(u32, Option<u32>))| {
+            let light_index = light_index as u32;
+            let side = *side;
+            (0..*count).map(move |cascade_index| CascadeRequest {
+                view: entity(1000 * index + 10 * light_index + cascade_index),
+                light: entity(1 + light_index),
+                light_index,
+                options: LookupOptions::default(),
+                cascade: side.map(cascade),
+            })
+        };
+        CameraRequest {
+            camera: entity(500 + index),
+            light_count: lights.len(),
+            built_in_layers: lights.iter().map(|light| light.0).sum(),
+            cascades: lights.iter().enumerate().flat_map(of_light).collect(),
+        }
+    }
+
+    fn request(cameras: Vec<CameraRequest>, spots: u32) -> LayerRequest {
+        LayerRequest {
+            cameras,
+            spots: (0..spots)
+                .map(|index| (entity(900 + index), index))
+                .collect(),
+            built_in_size: 1024,
+            max_size: 4096,
+            max_layers: 256,
+        }
+    }
+
+    fn layers(layout: &LayerLayout) -> Vec<u32> {
+        let mut layers: Vec<u32> = layout.maps.iter().map(|(_, map)| map.layer).collect();
+        layers.sort_unstable();
+        layers
+    }
+
+    #[test]
+    fn each_map_has_its_own_layer_and_spots_follow_the_neediest_camera() {
+        let cameras = vec![
+            camera(1, &[(2, Some(512))]),
+            camera(2, &[(4, Some(512)), (3, None)]),
+        ];
+        let layout = layout_layers(&request(cameras, 2)).expect("there is room");
+        assert_eq!(layers(&layout), [0, 1, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+        let spots: Vec<u32> = layout.maps[..2].iter().map(|(_, map)| map.layer).collect();
+        assert_eq!(
+            spots,
+            [7, 8],
+            "after the seven cascades of the second camera"
+        );
+        assert_eq!(layout.cameras[0].1.lights[0].base_layer, 0);
+        // The second camera begins behind the spot lights' maps.
+        let bases: Vec<u32> = layout.cameras[1]
+            .1
+            .lights
+            .iter()
+            .map(|it| it.base_layer)
+            .collect();
+        assert_eq!(bases, [9, 13]);
+        assert_eq!(layout.layers, 16);
+    }
+
+    #[test]
+    fn layers_are_as_large_as_the_largest_map() {
+        let layout = layout_layers(&request(vec![camera(1, &[(1, Some(512)), (1, None)])], 1));
+        assert_eq!(layout.expect("there is room").size, UVec2::splat(1024));
+        let layout = layout_layers(&request(vec![camera(1, &[(1, Some(9000))])], 0));
+        assert_eq!(
+            layout.expect("there is room").size,
+            UVec2::splat(4096),
+            "no larger than allowed"
+        );
+    }
+
+    #[test]
+    fn only_managed_maps_are_left_undrawn_when_empty() {
+        let layout = layout_layers(&request(vec![camera(1, &[(1, Some(512)), (1, None)])], 1));
+        let skipped = layout.expect("there is room").maps;
+        let skipped: Vec<bool> = skipped.iter().map(|(_, map)| map.skip_if_empty).collect();
+        assert_eq!(skipped, [false, true, false]);
+    }
+
+    #[test]
+    fn layers_run_out() {
+        let mut request = request(
+            vec![camera(1, &[(4, Some(512))]), camera(2, &[(4, Some(512))])],
+            1,
+        );
+        request.max_layers = 9;
+        assert!(layout_layers(&request).is_some());
+        request.max_layers = 8;
+        assert!(layout_layers(&request).is_none());
+    }
+
+    #[test]
+    fn slots_run_out() {
+        let lights = |count: usize| {
+            let managed = [(1, Some(512)); 1];
+            let others = vec![(1, None); count];
+            layout_layers(&request(
+                vec![camera(1, &[&managed[..], &others].concat())],
+                0,
+            ))
+        };
+        // One slot more for the managed light's data.
+        assert!(lights(MAX_DIRECTIONAL_LIGHTS - 2).is_some());
+        assert!(lights(MAX_DIRECTIONAL_LIGHTS - 1).is_none());
+    }
+
+    #[test]
+    fn nothing_needs_no_layers() {
+        let layout = layout_layers(&request(Vec::new(), 0)).expect("there is room");
+        assert_eq!((layout.layers, layout.maps.len()), (0, 0));
+    }
+}

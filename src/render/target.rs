@@ -1,0 +1,90 @@
+//! The depth array that holds all maps.
+
+use bevy::{
+    ecs::resource::Resource,
+    math::UVec2,
+    pbr::CORE_3D_SHADOW_MAP_FORMAT,
+    render::{
+        render_resource::{
+            Extent3d, Texture, TextureAspect, TextureDescriptor, TextureDimension, TextureUsages,
+            TextureView, TextureViewDescriptor, TextureViewDimension,
+        },
+        renderer::RenderDevice,
+    },
+};
+
+/// The depth array that holds all maps.
+#[derive(Resource, Debug, Default)]
+pub struct ShadowTarget {
+    texture: Option<Texture>,
+    layers: Vec<TextureView>,
+    /// Of a layer.
+    pub(super) size: UVec2,
+    /// Side of Bevy's own maps (texels).
+    pub(super) built_in_size: u32,
+}
+
+impl ShadowTarget {
+    /// One layer of the array; `None` past its end.
+    pub fn layer(&self, layer: u32) -> Option<&TextureView> {
+        self.layers.get(layer as usize)
+    }
+
+    /// Whether there are any maps.
+    pub(super) fn exists(&self) -> bool {
+        self.texture.is_some()
+    }
+
+    /// All layers at once, for the shader.
+    pub(super) fn array_view(texture: &Texture) -> TextureView {
+        texture.create_view(&TextureViewDescriptor {
+            label: Some("pssm_shadow_map_array"),
+            dimension: Some(TextureViewDimension::D2Array),
+            aspect: TextureAspect::DepthOnly,
+            ..Default::default()
+        })
+    }
+
+    /// Makes it hold so many layers of a size.
+    pub(super) fn resize(&mut self, device: &RenderDevice, size: UVec2, layers: u32) -> &Texture {
+        let present = self.layers.len() as u32;
+        let fits = self.size == size && present >= layers && present <= 2 * layers;
+        if !fits {
+            self.texture = None;
+        }
+        self.size = size;
+        let (views, texture) = (&mut self.layers, &mut self.texture);
+        texture.get_or_insert_with(|| {
+            let texture = device.create_texture(&TextureDescriptor {
+                label: Some("pssm_shadow_maps"),
+                size: Extent3d {
+                    width: size.x,
+                    height: size.y,
+                    depth_or_array_layers: layers,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format: CORE_3D_SHADOW_MAP_FORMAT,
+                usage: TextureUsages::RENDER_ATTACHMENT
+                    | TextureUsages::TEXTURE_BINDING
+                    | TextureUsages::COPY_SRC,
+                view_formats: &[],
+            });
+            *views = (0..layers)
+                .map(|layer| layer_view(&texture, layer))
+                .collect();
+            texture
+        })
+    }
+}
+
+fn layer_view(texture: &Texture, layer: u32) -> TextureView {
+    texture.create_view(&TextureViewDescriptor {
+        label: Some("pssm_shadow_map"),
+        dimension: Some(TextureViewDimension::D2),
+        base_array_layer: layer,
+        array_layer_count: Some(1),
+        ..Default::default()
+    })
+}

@@ -1,0 +1,120 @@
+//! What a camera sees: its volume, and the boxes in it that receive shadows.
+
+use bevy::{
+    asset::Assets,
+    camera::{
+        Camera, Projection,
+        primitives::Aabb,
+        visibility::{InheritedVisibility, NoAutoAabb, NoFrustumCulling},
+    },
+    ecs::{
+        entity::Entity,
+        query::{Has, QueryData, With, Without},
+        system::Query,
+    },
+    light::NotShadowReceiver,
+    math::{Affine3A, DAffine3, DMat3},
+    mesh::{Mesh, Mesh3d},
+    transform::components::GlobalTransform,
+};
+
+use super::MeshBoxes;
+use crate::geometry::{oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume};
+
+#[derive(QueryData)]
+pub struct ReceiverMesh {
+    aabb: Option<&'static Aabb>,
+    transform: &'static GlobalTransform,
+    inherited: &'static InheritedVisibility,
+    is_unculled: Has<NoFrustumCulling>,
+    has_no_bounds: Has<NoAutoAabb>,
+    mesh: &'static Mesh3d,
+}
+
+pub(super) type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
+
+/// The boxes of what a camera sees.
+pub(super) fn receivers(
+    view: &ViewVolume,
+    meshes: &Query<ReceiverMesh, IsReceiver>,
+    visible: impl Iterator<Item = Entity>,
+    assets: Option<&Assets<Mesh>>,
+    parts: &mut MeshBoxes,
+) -> Receivers {
+    let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
+    let mut receivers = Receivers::new(view);
+    for it in meshes.iter_many(visible).flatten() {
+        match it.aabb {
+            _ if !it.inherited.get() => {}
+            // Still loading, and not drawn.
+            None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
+            Some(aabb) if !it.is_unculled => {
+                let world_from_local = it.transform.affine();
+                let bounds = world_bounds(aabb, &world_from_local);
+                let parts = match assets {
+                    Some(assets) if !it.has_no_bounds && is_close(view, &bounds) => {
+                        parts.of(it.mesh.0.id(), aabb, assets)
+                    }
+                    _ => &[],
+                };
+                for part in parts {
+                    receivers.add(&world_bounds(part, &world_from_local));
+                }
+                if parts.is_empty() {
+                    receivers.add(&bounds);
+                }
+            }
+            _ => receivers.add_everywhere(),
+        }
+    }
+    receivers
+}
+
+/// Whether the eye is in a box, or almost, so that its parts should be told apart.
+fn is_close(view: &ViewVolume, bounds: &OrientedBox) -> bool {
+    let axes = bounds.half_axes;
+    let half_axes = [axes.x_axis, axes.y_axis, axes.z_axis];
+    let radius_2: f64 = half_axes.iter().map(|axis| axis.length_squared()).sum();
+    bounds.center.distance_squared(view.eye) < radius_2
+}
+
+/// A local box in world space.
+pub(super) fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> OrientedBox {
+    let matrix = &world_from_local.matrix3;
+    let axes = DMat3::from_cols(
+        matrix.x_axis.as_dvec3(),
+        matrix.y_axis.as_dvec3(),
+        matrix.z_axis.as_dvec3(),
+    );
+    let half = aabb.half_extents.as_dvec3();
+    OrientedBox {
+        center: axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
+        half_axes: DMat3::from_cols(
+            axes.x_axis * half.x,
+            axes.y_axis * half.y,
+            axes.z_axis * half.z,
+        ),
+    }
+}
+
+/// What a camera sees. `None` if its transform or projection is degenerate.
+pub fn view_volume(
+    transform: &GlobalTransform,
+    projection: &Projection,
+    camera: &Camera,
+) -> Option<ViewVolume> {
+    let affine = transform.affine();
+    let world_from_view = DAffine3 {
+        matrix3: DMat3::from_cols(
+            affine.matrix3.x_axis.as_dvec3(),
+            affine.matrix3.y_axis.as_dvec3(),
+            affine.matrix3.z_axis.as_dvec3(),
+        ),
+        translation: affine.translation.as_dvec3(),
+    };
+    let clip_from_view = match &camera.sub_camera_view {
+        Some(sub) => projection.get_clip_from_view_for_sub(sub),
+        None => projection.get_clip_from_view(),
+    };
+    ViewVolume::new(world_from_view, &clip_from_view)
+}
