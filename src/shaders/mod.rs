@@ -155,7 +155,9 @@ pub(crate) fn replace_shadow_module(
     parts: Res<ShaderFeatures>,
     support: Res<ShadowSupport>,
 ) {
-    if module.compiled == Some(*parts) || !support.may_take_over() {
+    // Once replaced, the module has to follow what lights need, Bevy's own lookups included.
+    let is_refused = !support.may_take_over() && module.compiled.is_none();
+    if module.compiled == Some(*parts) || is_refused {
         return;
     }
     let module = &mut *module;
