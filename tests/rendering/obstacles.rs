@@ -70,30 +70,29 @@ fn another_light_uniform() {
 #[test]
 fn another_shadow_module() {
     // Written in another way, the module still does the same.
-    fn rewrite(mut events: MessageReader<AssetEvent<Shader>>, mut shaders: ResMut<Assets<Shader>>) {
-        let ids: Vec<_> = events
-            .read()
-            .filter_map(|event| match event {
-                AssetEvent::Added { id } => Some(*id),
+    fn rewrite(mut shaders: ResMut<Assets<Shader>>) {
+        const CALL: &str = "return sample_shadow_map(";
+        let found = shaders
+            .iter()
+            .find_map(|(id, shader)| match &shader.source {
+                Source::Wesl(text) if shader.path.ends_with("render/shadows.wesl") => {
+                    let text = text
+                        .contains(CALL)
+                        .then(|| text.replace(CALL, "return  sample_shadow_map("));
+                    Some((id, text?, shader.path.clone()))
+                }
                 _ => None,
-            })
-            .collect();
-        for id in ids {
-            let is_shadows = |shader: &&Shader| shader.path.ends_with("render/shadows.wesl");
-            if let Some(shader) = shaders.get(id).filter(is_shadows)
-                && let Source::Wesl(text) = &shader.source
-            {
-                let text = text.replace("return sample_shadow_map(", "return  sample_shadow_map(");
-                let shader = Shader::from_wesl(text, shader.path.clone());
-                shaders.insert(id, shader).expect("the asset is there");
-            }
+            });
+        if let Some((id, text, path)) = found {
+            let shader = Shader::from_wesl(text, path);
+            shaders.insert(id, shader).expect("the asset is there");
         }
     }
     assert_left_to_bevy(
         "shadow_module",
         "has no `return sample_shadow_map(`",
         |app| {
-            app.add_systems(PreUpdate, rewrite);
+            app.add_systems(Update, rewrite);
         },
     );
 }
