@@ -43,8 +43,8 @@ impl Aliasing {
         };
         // The map is two wide.
         let [x, z] = [0, 1].map(|row| 2.0 / per_meter(axes[row], row) / image_side);
-        let sound = clip.w > 0.0 && x.is_finite() && z.is_finite();
-        sound.then_some(Self { x, z })
+        let is_valid = clip.w > 0.0 && x.is_finite() && z.is_finite();
+        is_valid.then_some(Self { x, z })
     }
 
     /// The worst aliasing of a map over a convex body, for an image one pixel high; arguments as in

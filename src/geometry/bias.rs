@@ -82,9 +82,9 @@ impl MapDerivatives {
         let (y_and_normal, normal_and_x) = (self.y.cross(normal), normal.cross(self.x));
         let area = self.x.dot(y_and_normal);
         let least = self.x.length() * self.y.length() / f64::from(EDGE_ON_RECIPROCAL);
-        let sound = area.abs().max(least).copysign(area);
+        let clamped_area = area.abs().max(least).copysign(area);
         (least > 0.0)
-            .then(|| DVec2::new(self.z.dot(y_and_normal), self.z.dot(normal_and_x)) / sound)
+            .then(|| DVec2::new(self.z.dot(y_and_normal), self.z.dot(normal_and_x)) / clamped_area)
     }
 
     /// Size of a texel across the light, along the map's axes (meters).

@@ -13,7 +13,7 @@ pub struct Kept<T> {
     frames_too_large: u32,
 }
 
-/// Frames for which something must have been too large before it shrinks: half a second, say.
+/// Frames for which something must have been too large before it shrinks: half a second at 60 per second.
 pub const SHRINK_DELAY: u32 = 30;
 
 /// Steps are powers and multiples of floating-point numbers, and compared with such.

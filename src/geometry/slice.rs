@@ -224,9 +224,9 @@ impl Slice {
         local[4..].copy_from_slice(&b);
 
         let scale = DVec3::new(
-            steady_length(view.axes.x_axis),
-            steady_length(view.axes.y_axis),
-            steady_length(view.axes.z_axis),
+            rounded_length(view.axes.x_axis),
+            rounded_length(view.axes.y_axis),
+            rounded_length(view.axes.z_axis),
         );
         let (center, radius) = bounding_sphere(&local, near, far, scale);
         let world = |p: DVec3| view.eye + view.axes * p;
@@ -238,7 +238,7 @@ impl Slice {
     }
 }
 
-fn steady_length(axis: DVec3) -> f64 {
+fn rounded_length(axis: DVec3) -> f64 {
     (axis.length() / SCALE_STEP).round().max(1.0) * SCALE_STEP
 }
 

@@ -1,8 +1,8 @@
-//! The render world: cascades drawn by an own pass into an own depth target, sampled by an own
-//! shader module.
+//! The render world: cascades drawn by a pass of the plugin's into its own depth target, and looked up
+//! by its own shader module.
 //!
-//! While any light is managed, *all* maps that share Bevy's array texture move here: our
-//! cascades, those of other directional lights and spot lights' maps. The cameras' bindings
+//! While any light is managed, *all* maps that share Bevy's array texture move here:
+//! managed cascades, those of other directional lights and spot lights' maps. The cameras' bindings
 //! name one texture, so all must live in it.
 
 mod adopt;

@@ -2,8 +2,8 @@
 //!
 //! Every shadow lookup in Bevy, forward, deferred, transmission and fog, goes through that
 //! module. Point and spot lights and directional lights without our component must stay
-//! exactly right, so the replacement *is* Bevy's text, with its directional functions renamed
-//! and ours, which choose between the two, put in their place.
+//! exactly right, so the replacement *is* Bevy's text: its directional functions are renamed, and the
+//! plugin's, which choose between the two, take their names.
 
 mod features;
 
@@ -99,7 +99,7 @@ import bevy_pssm::shaders::{
 };
 ";
 
-/// Functions of Bevy's module that ours take the names of.
+/// Functions of Bevy's module whose names the plugin's take.
 const RENAMED: [&str; 5] = [
     "get_cascade_index",
     "world_to_directional_light_local",

@@ -70,7 +70,7 @@ pub(super) fn receivers(
     receivers
 }
 
-/// Whether the eye is in a box, or almost, so that its parts should be told apart.
+/// Whether the eye is in a box, or almost: then boxes of the mesh's parts say more.
 fn is_close(view: &ViewVolume, bounds: &OrientedBox) -> bool {
     let axes = bounds.half_axes;
     let half_axes = [axes.x_axis, axes.y_axis, axes.z_axis];

@@ -148,7 +148,7 @@ pub(super) fn forget_light(
     }
 }
 
-/// Should the record go first, with everything that the component requires, say.
+/// Restores Bevy's settings when the record is removed before the component is.
 pub(super) fn restore_built_in(
     removed: On<Remove<ManagedLight>>,
     mut lights: Query<(

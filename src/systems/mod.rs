@@ -54,7 +54,7 @@ pub(crate) fn build(app: &mut App) {
         (
             PssmSystems::ManageLights
                 .before(SimulationLightSystems::UpdateDirectionalLightCascades),
-            // Between these two, so that Bevy finds no cascades of ours to cull for.
+            // Before Bevy makes frusta from cascades, so that it finds none to cull for.
             PssmSystems::PlanCascades
                 .after(PssmSystems::ManageLights)
                 .after(TransformSystems::Propagate)
