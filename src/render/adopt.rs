@@ -5,7 +5,6 @@ use bevy::{
     camera::visibility::RenderLayers,
     core_pipeline::schedule::{Core3d, RootNonCameraView},
     ecs::{
-        component::Component,
         entity::Entity,
         query::{QueryData, With, Without},
         schedule::ScheduleLabel,
@@ -13,7 +12,7 @@ use bevy::{
     },
     light::DirectionalLightShadowMap,
     log::{info, warn},
-    math::{UVec2, UVec4},
+    math::UVec4,
     pbr::{
         ExtractedDirectionalLight, LightEntity, MAX_DIRECTIONAL_LIGHTS, ShadowView,
         ViewLightEntities, ViewShadowBindings,
@@ -32,47 +31,13 @@ use bevy::{
 use super::{
     ExtractedShadows,
     extract::ExtractedCascade,
-    layout::{CameraRequest, CascadeRequest, LayerLayout, LayerRequest, layout_layers},
-    options::LookupOptions,
+    layout::{
+        AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
+        layout_layers,
+    },
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
-
-/// A view whose map lies in the plugin's target.
-#[derive(Component, Debug, Clone, Copy, PartialEq, Eq)]
-pub struct AdoptedMap {
-    /// Layer of the target.
-    pub layer: u32,
-    /// Texels per side, in the layer's first corner.
-    pub size: UVec2,
-    /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
-    /// lit. Bevy's own maps are always drawn.
-    pub skip_if_empty: bool,
-    pub(super) spot_index: Option<u32>,
-}
-
-/// The maps of a camera: where the shader finds each light's.
-#[derive(Component, Debug, Default, Clone, PartialEq)]
-pub(super) struct AdoptedLights {
-    pub lights: Vec<AdoptedLight>,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct AdoptedLight {
-    /// Position in the camera's uniform.
-    pub index: u32,
-    pub base_layer: u32,
-    /// Without meaning if the light is not managed.
-    pub options: LookupOptions,
-    /// View entities of the light's cascades, with their plan if the light is managed.
-    pub cascades: Vec<(Entity, Option<ExtractedCascade>)>,
-}
-
-impl AdoptedLight {
-    pub fn is_managed(&self) -> bool {
-        self.cascades.iter().any(|(_, cascade)| cascade.is_some())
-    }
-}
 
 /// Bevy's occlusion culling has no late phase for cascades and would drop casters for a frame.
 pub(super) fn disable_occlusion_culling(

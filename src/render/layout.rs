@@ -3,13 +3,49 @@
 //! While any light is managed, *all* maps that share Bevy's array texture move to the plugin's
 //! target: managed cascades, those of other directional lights, and spot lights' maps.
 
-use bevy::{ecs::entity::Entity, math::UVec2, pbr::MAX_DIRECTIONAL_LIGHTS};
-
-use super::{
-    adopt::{AdoptedLight, AdoptedLights, AdoptedMap},
-    extract::ExtractedCascade,
-    options::LookupOptions,
+use bevy::{
+    ecs::{component::Component, entity::Entity},
+    math::UVec2,
+    pbr::MAX_DIRECTIONAL_LIGHTS,
 };
+
+use super::{extract::ExtractedCascade, options::LookupOptions};
+
+/// A view whose map lies in the plugin's target.
+#[derive(Component, Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AdoptedMap {
+    /// Layer of the target.
+    pub layer: u32,
+    /// Texels per side, in the layer's first corner.
+    pub size: UVec2,
+    /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
+    /// lit. Bevy's own maps are always drawn.
+    pub skip_if_empty: bool,
+    pub(super) spot_index: Option<u32>,
+}
+
+/// The maps of a camera: where the shader finds each light's.
+#[derive(Component, Debug, Default, Clone, PartialEq)]
+pub(super) struct AdoptedLights {
+    pub lights: Vec<AdoptedLight>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct AdoptedLight {
+    /// Position in the camera's uniform.
+    pub index: u32,
+    pub base_layer: u32,
+    /// Without meaning if the light is not managed.
+    pub options: LookupOptions,
+    /// View entities of the light's cascades, with their plan if the light is managed.
+    pub cascades: Vec<(Entity, Option<ExtractedCascade>)>,
+}
+
+impl AdoptedLight {
+    pub fn is_managed(&self) -> bool {
+        self.cascades.iter().any(|(_, cascade)| cascade.is_some())
+    }
+}
 
 /// What layers are wanted for, and how many there can be.
 #[derive(Debug, Default)]

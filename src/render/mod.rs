@@ -14,7 +14,7 @@ mod shader_features;
 mod target;
 mod uniform;
 
-pub use adopt::AdoptedMap;
+pub use layout::AdoptedMap;
 pub use pass::{SHADOW_PASS_SPAN, shadow_map_pass};
 pub use target::ShadowTarget;
 

@@ -15,7 +15,7 @@ use bevy::{
     },
 };
 
-use super::{adopt::AdoptedMap, target::ShadowTarget};
+use super::{layout::AdoptedMap, target::ShadowTarget};
 
 /// Name under which `RenderDiagnosticsPlugin` reports map `i` of the target (the first camera's
 /// cascades come first): `render/pssm_shadow_map_{i}/elapsed_gpu`, `…/vertex_shader_invocations`

@@ -24,7 +24,7 @@ use crate::{
 
 use super::{
     ExtractedShadows,
-    adopt::{AdoptedLight, AdoptedLights},
+    layout::{AdoptedLight, AdoptedLights},
     options::LookupOptions,
     target::ShadowTarget,
 };
