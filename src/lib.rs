@@ -30,7 +30,7 @@
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
-//! - `RenderDiagnosticsPlugin` reports each map under [`SHADOW_PASS_SPAN`](render::SHADOW_PASS_SPAN).
+//! - `RenderDiagnosticsPlugin` reports each map as `pssm_shadow_map_0` and so on.
 //!
 //! # Limits
 //! - WebGL2 has no array textures: there the plugin steps back and Bevy's shadows stay.

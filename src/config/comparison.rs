@@ -32,6 +32,9 @@ pub struct Comparison {
     pub focus: ShadowFocus,
 }
 
+/// More than this many meters or texels is a mistake.
+const MAX_BIAS: f32 = 1000.0;
+
 /// How far a lookup is moved towards the light so that surfaces do not shadow themselves.
 ///
 /// `DirectionalLight::shadow_normal_bias` and `shadow_depth_bias` act as multipliers around
@@ -50,7 +53,7 @@ pub enum ShadowBias {
     /// The same everywhere. Either it is too little on slopes or too much elsewhere.
     Constant {
         /// Towards the light (meters, at least 0).
-        #[reflect(@0.0..=1000.0_f32)]
+        #[reflect(@0.0..=MAX_BIAS)]
         meters: f32,
     },
     /// Grows with the depth's slope over the map, as the rasterizer's slope-scaled bias does
@@ -58,23 +61,23 @@ pub enum ShadowBias {
     SlopeScaled {
         /// Times the greatest change of depth from texel to texel (at least 0). Twice the
         /// filter's reach in texels suffices on planes.
-        #[reflect(@0.0..=1000.0_f32)]
+        #[reflect(@0.0..=MAX_BIAS)]
         factor: f32,
         /// On top of that (meters, at least 0).
-        #[reflect(@0.0..=1000.0_f32)]
+        #[reflect(@0.0..=MAX_BIAS)]
         meters: f32,
     },
     /// Moves the lookup along the surface's normal, as far as the sine of the angle between
     /// normal and light says. Moves shadows off their casters as well.
     NormalOffset {
         /// At a sine of 1 (texels, at least 0).
-        #[reflect(@0.0..=1000.0_f32)]
+        #[reflect(@0.0..=MAX_BIAS)]
         texels: f32,
     },
     /// Compares each tap with the surface's plane at its own place, and moves all by the same.
     ReceiverPlane {
         /// Towards the light (meters, at least 0).
-        #[reflect(@0.0..=1000.0_f32)]
+        #[reflect(@0.0..=MAX_BIAS)]
         meters: f32,
     },
 }
@@ -147,9 +150,7 @@ pub enum CasterCulling {
 
 impl ShadowBias {
     pub(super) fn validate(self) -> Result<(), ConfigError> {
-        /// More than this many meters or texels is a mistake.
-        const MOST: f32 = 1000.0;
-        let check = |field, value| ConfigError::check_range(field, value, 0.0..=MOST);
+        let check = |field, value| ConfigError::check_range(field, value, 0.0..=MAX_BIAS);
         match self {
             Self::Automatic => Ok(()),
             Self::Constant { meters } | Self::ReceiverPlane { meters } => check("meters", meters),

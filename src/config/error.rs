@@ -2,6 +2,9 @@
 
 use core::{fmt::Display, ops::RangeInclusive};
 
+/// Farther than the Earth's diameter is a mistake, and would overflow no sooner (meters).
+pub(super) const MAX_DISTANCE: f32 = 1e7;
+
 /// A value outside its range. The message names field, value and what is allowed.
 #[derive(thiserror::Error, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -81,13 +84,11 @@ impl ConfigError {
         Err(Self::out_of_range(field, value, allowed))
     }
 
-    /// Farther than the Earth's diameter is a mistake, and would overflow no sooner.
     pub(super) fn check_positive(field: &'static str, value: f32) -> Result<(), Self> {
-        const FARTHEST: f32 = 1e7;
-        if value > 0.0 && value <= FARTHEST {
+        if value > 0.0 && value <= MAX_DISTANCE {
             return Ok(());
         }
-        let allowed = format!("above 0 and at most {FARTHEST}");
+        let allowed = format!("above 0 and at most {MAX_DISTANCE}");
         Err(Self::out_of_range(field, value, allowed))
     }
 }

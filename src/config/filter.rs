@@ -41,7 +41,7 @@ pub enum ShadowFilter {
     /// taps to find how far, 16 to filter, turned from pixel to pixel.
     Soft {
         /// How large the sun looks (degrees, above 0 and at most 20). The real one: 0.53.
-        #[reflect(@0.0..=20.0_f32)]
+        #[reflect(@0.0..=MAX_SUN_DEGREES)]
         sun_degrees: f32,
     },
 }
@@ -53,7 +53,7 @@ pub enum ShadowFilter {
 #[serde(deny_unknown_fields)]
 pub enum FilterRadius {
     /// In texels of each map (1 to [`MAX_FILTER_TEXELS`]): as sharp as the map allows.
-    Texels(#[reflect(@1.0..=8.0_f32)] f32),
+    Texels(#[reflect(@1.0..=MAX_FILTER_TEXELS)] f32),
     /// In meters (above 0): edges are equally soft in all cascades, as far as 1 to
     /// [`MAX_FILTER_TEXELS`] of their texels allow.
     Meters(f32),

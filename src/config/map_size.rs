@@ -21,9 +21,8 @@ pub enum MapSize {
     /// One size for all.
     Same(u32),
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
-    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness,
-    /// and in all example scenes `Same` of the first size, which takes as much memory, has a
-    /// quarter to three fifths of the wrong pixels.
+    /// texels are drawn than in the first map alone, but each border shows a jump in sharpness, and
+    /// it takes as much memory as `Same` of the first size.
     Halving(u32),
     /// One width and height per cascade.
     PerCascade(Vec<[u32; 2]>),

@@ -27,6 +27,8 @@ use bevy::{
 };
 use serde::{Deserialize, Serialize};
 
+use error::MAX_DISTANCE;
+
 /// The most cascades a light can have: the length of Bevy's uniform array.
 pub const MAX_CASCADES: usize = 4;
 
@@ -65,12 +67,12 @@ pub struct ParallelSplitShadows {
     /// Where the split scheme starts (meters from the eye, above zero). Surfaces nearer than
     /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
     /// wastes the first cascades on the ground at the camera's feet. Default 1 m.
-    #[reflect(@0.0..=1e7_f32)]
+    #[reflect(@0.0..=MAX_DISTANCE)]
     pub near: f32,
     /// Where shadows end (meters from the eye, above [`near`](Self::near)). Farther costs
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
     /// plain sight. Default 500 m.
-    #[reflect(@0.0..=1e7_f32)]
+    #[reflect(@0.0..=MAX_DISTANCE)]
     pub far: f32,
     /// Where cascades end in between, at no cost. Too little near the eye shows as blocky shadows
     /// there, too much as blurry ones far away. Default `Practical { lambda: 0.9 }`, with the first

@@ -2,7 +2,7 @@
 
 use super::{CascadeHistory, PlanInputs, split::split_planes, volume::CascadeVolume};
 use crate::{
-    config::{CascadeFit, MapFit, ParallelSplitShadows, ShadowFocus, SplitScheme},
+    config::{CascadeFit, MapFit, ShadowFocus, SplitScheme},
     geometry::{
         face::Wedge,
         hysteresis::{Kept, Slack},
@@ -11,8 +11,9 @@ use crate::{
 
 /// Slices along the view and, where faces have maps of their own, wedges across it: each slice has
 /// one cascade for each wedge.
-pub(super) struct Layout<'a> {
-    config: &'a ParallelSplitShadows,
+pub(super) struct Layout {
+    far: f64,
+    blend: f64,
     /// One more than slices that cascades may be for; planes of those not in use lie at the end.
     planes: Vec<f64>,
     /// Depth at which shadows begin to fade.
@@ -21,10 +22,10 @@ pub(super) struct Layout<'a> {
     wedges: Vec<Wedge>,
 }
 
-impl<'a> Layout<'a> {
+impl Layout {
     /// `range` is where splits are spread; the last slice reaches to the configuration's far all
     /// the same. At most so many `slices` as there are cascades for.
-    pub fn new(inputs: &PlanInputs<'a>, range: [f64; 2], slices: usize) -> Self {
+    pub fn new(inputs: &PlanInputs, range: [f64; 2], slices: usize) -> Self {
         let config = inputs.config;
         let wedges = wedges(inputs);
         let slices = slices.min(config.cascades as usize / wedges.len().max(1));
@@ -34,7 +35,8 @@ impl<'a> Layout<'a> {
             *plane = inputs.far();
         }
         Self {
-            config,
+            far: inputs.far(),
+            blend: f64::from(config.blend),
             planes,
             fade_start: fade_start(inputs),
             slices,
@@ -64,10 +66,10 @@ impl<'a> Layout<'a> {
 
     fn blend_start_of(&self, slice: usize) -> f64 {
         let [near, far] = [self.planes[slice], self.planes[slice + 1]];
-        if far >= f64::from(self.config.far) {
+        if far >= self.far {
             self.fade_start.max(near)
         } else {
-            far - f64::from(self.config.blend) * (far - near)
+            far - self.blend * (far - near)
         }
     }
 

@@ -142,7 +142,7 @@ pub(super) fn adopt_views(
         });
     match layout {
         Some(layout) if layout.layers > 0 => {
-            target.built_in_size = extracted.built_in_size as u32;
+            target.built_in_size = layout.built_in_size;
             adoptable.adopt(&mut commands, &device, &mut target, layout);
         }
         _ if target.exists() => {

@@ -54,7 +54,7 @@ pub(super) struct LayerRequest {
     pub cameras: Vec<CameraRequest>,
     /// View entities of spot lights' maps, and their index among spot lights.
     pub spots: Vec<(Entity, u32)>,
-    /// Side of Bevy's own maps (texels).
+    /// Side of Bevy's own maps, as the game wants them (texels).
     pub built_in_size: u32,
     /// What the GPU allows.
     pub max_size: u32,
@@ -93,11 +93,13 @@ pub(super) struct LayerLayout {
     pub layers: u32,
     /// Of a layer (texels).
     pub size: UVec2,
+    /// Side of Bevy's own maps (texels).
+    pub built_in_size: u32,
 }
 
 /// Layers for all maps; `None` if layers or the uniform's slots run out.
 pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
-    let built_in_size = UVec2::splat(request.built_in_size.min(request.max_size));
+    let built_in_size = request.built_in_size.min(request.max_size);
     // Spot lights' maps come where the shader looks for them: right after the cascades of the
     // camera that has the most.
     let layers_before_spots = request.cameras.iter().map(|it| it.built_in_layers).max();
@@ -110,7 +112,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
         .map(|(view, index)| {
             let map = AdoptedMap {
                 layer: layers_before_spots + index,
-                size: built_in_size,
+                size: UVec2::splat(built_in_size),
                 skip_if_empty: false,
                 spot_index: Some(*index),
             };
@@ -131,12 +133,11 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 cascades: by_light.iter().map(|it| (it.view, it.cascade)).collect(),
             });
             for it in by_light {
-                let map_size = it.cascade.map(|cascade| cascade.map_size);
+                let size = it.cascade.map(|cascade| cascade.map_size);
+                let size = size.unwrap_or(UVec2::splat(built_in_size));
                 let map = AdoptedMap {
                     layer: next_layer,
-                    size: map_size.map_or(built_in_size, |size| {
-                        size.min(UVec2::splat(request.max_size))
-                    }),
+                    size: size.min(UVec2::splat(request.max_size)),
                     skip_if_empty: it.cascade.is_some(),
                     spot_index: None,
                 };
@@ -161,7 +162,8 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
         maps,
         cameras,
         layers,
-        size: size.unwrap_or(built_in_size),
+        size: size.unwrap_or(UVec2::splat(built_in_size)),
+        built_in_size,
     })
 }
 
@@ -255,6 +257,11 @@ mod tests {
             UVec2::splat(4096),
             "no larger than allowed"
         );
+        let mut request = request(vec![camera(1, &[(1, None)])], 1);
+        request.built_in_size = 9000;
+        let layout = layout_layers(&request).expect("there is room");
+        assert_eq!(layout.size, UVec2::splat(4096));
+        assert_eq!(layout.built_in_size, 4096, "as large as the maps are drawn");
     }
 
     #[test]

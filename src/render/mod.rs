@@ -46,7 +46,7 @@ use crate::{
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PssmRenderSystems {
     /// In `Render`, within `RenderSystems::PrepareViews`. After this set, the views of managed
-    /// lights' maps carry [`AdoptedMap`] and [`ShadowTarget`] has a layer for each.
+    /// lights' maps carry `AdoptedMap` and `ShadowTarget` has a layer for each.
     AdoptViews,
     /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
     /// is on its way to the GPU.

@@ -12,7 +12,7 @@ use bevy::{
         lifecycle::Remove,
         observer::On,
         query::{Has, QueryData},
-        system::{Commands, Query, Res},
+        system::{Commands, EntityCommands, Query, Res},
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight},
     log::warn,
@@ -74,11 +74,19 @@ impl ManagedLight {
     }
 
     /// Gives Bevy its settings back.
-    fn release(&mut self, light: &mut DirectionalLight, cascade_config: &mut CascadeShadowConfig) {
+    fn release(
+        &mut self,
+        mut commands: EntityCommands,
+        light: &mut DirectionalLight,
+        cascade_config: &mut CascadeShadowConfig,
+    ) {
         self.last_good = None;
         self.in_force = None;
         self.checked = None;
         if let Some(built_in) = self.built_in.take() {
+            if !light.shadow_maps_enabled {
+                commands.try_insert(SwitchedOff);
+            }
             light.shadow_maps_enabled &= built_in.shadow_maps_enabled;
             *cascade_config = built_in.cascade_config;
         }
@@ -137,8 +145,12 @@ pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Com
 /// What was noted of a light is not true of the next one on the same entity.
 pub(super) fn forget_light(
     removed: On<Remove<DirectionalLight>>,
+    mut commands: Commands,
     mut managed: Query<(&mut ManagedLight, Option<&mut CascadeShadowConfig>)>,
 ) {
+    if let Ok(mut light) = commands.get_entity(removed.entity) {
+        light.try_remove::<SwitchedOff>();
+    }
     let Ok((mut managed, cascade_config)) = managed.get_mut(removed.entity) else {
         return;
     };
@@ -151,14 +163,18 @@ pub(super) fn forget_light(
 /// Restores Bevy's settings when the record is removed before the component is.
 pub(super) fn restore_built_in(
     removed: On<Remove<ManagedLight>>,
+    mut commands: Commands,
     mut lights: Query<(
         &mut ManagedLight,
         &mut DirectionalLight,
         &mut CascadeShadowConfig,
     )>,
 ) {
-    if let Ok((mut managed, mut light, mut cascade_config)) = lights.get_mut(removed.entity) {
-        managed.release(&mut light, &mut cascade_config);
+    if let (Ok((mut managed, mut light, mut cascade_config)), Ok(commands)) = (
+        lights.get_mut(removed.entity),
+        commands.get_entity(removed.entity),
+    ) {
+        managed.release(commands, &mut light, &mut cascade_config);
     }
 }
 
@@ -185,10 +201,9 @@ pub(super) fn manage_lights(
         let config = it.config.filter(|_| support.may_take_over());
         let Some(config) = config else {
             if it.managed.checked.is_some() {
-                if it.managed.built_in.is_some() && !it.light.shadow_maps_enabled {
-                    commands.entity(it.entity).insert(SwitchedOff);
-                }
-                it.managed.release(&mut it.light, &mut it.cascade_config);
+                let commands = commands.entity(it.entity);
+                it.managed
+                    .release(commands, &mut it.light, &mut it.cascade_config);
                 // Bevy fills them anew only while its shadows are on.
                 it.cascades.cascades.clear();
                 it.frusta.frusta.clear();

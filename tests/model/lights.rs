@@ -615,4 +615,19 @@ fn switched_off_stays_off_when_managed_again() {
         .shadow_maps_enabled = true;
     app.update();
     assert!(casts(&app));
+
+    // Another light on the same entity knows nothing of it.
+    app.world_mut()
+        .get_mut::<DirectionalLight>(light)
+        .unwrap()
+        .shadow_maps_enabled = false;
+    app.update();
+    let mut entity = app.world_mut().entity_mut(light);
+    entity.remove::<ParallelSplitShadows>();
+    app.update();
+    let mut entity = app.world_mut().entity_mut(light);
+    entity.remove::<DirectionalLight>();
+    entity.insert((DirectionalLight::default(), ParallelSplitShadows::default()));
+    app.update();
+    assert!(casts(&app));
 }
