@@ -40,7 +40,9 @@
 //! - GPUs without `DEPTH_CLIP_CONTROL` get tight maps where warped ones are asked for.
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
+#[doc(hidden)]
 pub mod config;
+#[doc(hidden)]
 pub mod debug;
 pub mod geometry;
 pub mod plan;
@@ -53,14 +55,19 @@ pub mod support;
 #[doc(hidden)]
 pub mod systems;
 
+#[doc(inline)]
 pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, ConfigError,
     DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, ShadowBias,
     ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
 };
+#[doc(inline)]
 pub use debug::ShadowOverlay;
+#[doc(inline)]
 pub use render::PssmRenderSystems;
+#[doc(inline)]
 pub use shaders::ShaderFeatures;
+#[doc(inline)]
 pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
 
 use bevy::{

@@ -148,16 +148,16 @@ pub(crate) fn build(app: &mut App) {
 }
 
 /// Replaces the module as soon as it has loaded; sooner, the load would undo it. And again
-/// whenever parts are added.
+/// whenever features are added.
 pub(crate) fn replace_shadow_module(
     mut module: ResMut<ShadowModule>,
     mut shaders: ResMut<Assets<Shader>>,
-    parts: Res<ShaderFeatures>,
+    features: Res<ShaderFeatures>,
     support: Res<ShadowSupport>,
 ) {
     // Once replaced, the module has to follow what lights need, Bevy's own lookups included.
     let is_refused = !support.may_take_over() && module.compiled.is_none();
-    if module.compiled == Some(*parts) || is_refused {
+    if module.compiled == Some(*features) || is_refused {
         return;
     }
     let module = &mut *module;
@@ -181,27 +181,27 @@ pub(crate) fn replace_shadow_module(
         return;
     };
     let mut shader = Shader::from_wesl(text.clone(), BUILT_IN_PATH);
-    shader.shader_defs = shader_defs(*parts);
+    shader.shader_defs = shader_defs(*features);
     if let Err(err) = shaders.insert(&module.built_in, shader) {
         error!("Could not replace {BUILT_IN_PATH}: {err}");
     }
-    module.compiled = Some(*parts);
+    module.compiled = Some(*features);
 }
 
-/// Constants that the library shares with Rust, the parts that are in, and the switch that makes
+/// Constants that the library shares with Rust, the features that are in, and the switch that makes
 /// Bevy call `cascade_debug_visualization`.
-pub fn shader_defs(parts: ShaderFeatures) -> Vec<ShaderDefVal> {
+pub fn shader_defs(features: ShaderFeatures) -> Vec<ShaderDefVal> {
     let mut defs: Vec<ShaderDefVal> = CONSTANTS
         .iter()
         .map(|(name, value)| ShaderDefVal::UInt((*name).into(), *value))
         .collect();
-    defs.extend(parts.defs());
+    defs.extend(features.defs());
     defs.extend([
         // Browsers reject derivatives where control flow may differ between pixels.
         ShaderDefVal::Bool("PSSM_DERIVATIVES".into(), cfg!(not(target_family = "wasm"))),
         ShaderDefVal::Bool(
             "DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(),
-            parts.overlays,
+            features.overlays,
         ),
     ]);
     defs
