@@ -45,7 +45,8 @@ pub struct Arguments {
     /// A small grid, small pictures and few poses: under three minutes.
     #[arg(long)]
     pub quick: bool,
-    /// No scenes, but small cases that biases fail in, and what filters cost: lookups.md.
+    /// No scenes, but small cases that biases fail in, and what filters cost: lookups.md. With
+    /// `--quick`, Bevy's best biases are not searched for.
     #[arg(long)]
     pub lookups: bool,
 }

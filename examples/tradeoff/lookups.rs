@@ -14,8 +14,8 @@ use crate::study::{
     studio::Studio,
 };
 
-/// Texels per side of all maps.
-const MAP_SIZE: u32 = 1024;
+/// Texels per side of all maps: several, for edges fall on texels by chance.
+const MAP_SIZES: [u32; 4] = [1024, 1008, 992, 976];
 /// Where shadows end (meters).
 const FAR: f32 = 150.0;
 
@@ -35,29 +35,36 @@ const TIMED_FRAMES: usize = 9;
 const TURNS: usize = 3;
 
 /// Bevy's, as they come.
-fn stock() -> Stock {
+fn stock(map_size: u32) -> Stock {
     let config = ParallelSplitShadows {
         far: FAR,
         ..default()
     };
-    Stock::new(MAP_SIZE, &config)
+    Stock::new(map_size, &config)
 }
 
 /// The same cascades for the plugin.
-fn config() -> ParallelSplitShadows {
-    let bounds = stock().cascades().bounds;
+fn config(map_size: u32) -> ParallelSplitShadows {
+    let bounds = stock(map_size).cascades().bounds;
     ParallelSplitShadows {
         far: FAR,
         splits: SplitScheme::Manual(bounds[..3].to_vec()),
-        map_size: MapSize::Same(MAP_SIZE),
+        map_size: MapSize::Same(map_size),
         ..default()
     }
 }
 
-/// All tables. `done` is called after each case.
-pub fn report(mut done: impl FnMut(&str)) -> String {
+/// The same with the least bias that planes need, and none for walls and bends.
+fn plane_alone(map_size: u32) -> ParallelSplitShadows {
+    let mut config = config(map_size);
+    config.comparison.bias = ShadowBias::ReceiverPlane { meters: 0.0 };
+    config
+}
+
+/// All tables; Bevy's best is searched for unless it is `quick`. `done` is called after each case.
+pub fn report(quick: bool, mut done: impl FnMut(&str)) -> String {
     let mut text = "# Lookups: biases and filters\n\n".to_owned();
-    text += &biases(&mut done);
+    text += &biases(quick, &mut done);
     text += &costs(&mut done);
     text
 }
@@ -78,14 +85,32 @@ fn faults(studio: &mut Studio, view: &View, setting: &Setting, reach: f64) -> Bi
     studio.bias_faults(view, &shares, reach).0
 }
 
-fn biases(done: &mut impl FnMut(&str)) -> String {
+/// The mean over all sizes of maps.
+fn mean_faults(
+    studio: &mut Studio,
+    view: &View,
+    setting: impl Fn(u32) -> Setting,
+    reach: f64,
+) -> BiasFaults {
+    let found = MAP_SIZES.map(|size| faults(studio, view, &setting(size), reach));
+    let mean = |value: fn(&BiasFaults) -> f64| {
+        found.iter().map(value).sum::<f64>() / MAP_SIZES.len() as f64
+    };
+    BiasFaults {
+        stain_pct: mean(|it| it.stain_pct),
+        leak_pct: mean(|it| it.leak_pct),
+        gap_texels: mean(|it| it.gap_texels),
+    }
+}
+
+fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
     let mut text = "## Biases\n\n\
         Stain: lit pixels that lack a tenth of the light although no shadow is near. Leak: \
         shadowed pixels that get more than half of it. Percent of the lit and of the shadowed. \
         Bevy's best has the fewest leaks of those that do not stain, or else stains least: normal \
         bias (texels), depth bias (meters).\n\n\
-        | case | filter | automatic: stain | leak | Bevy, defaults: stain | leak | Bevy, best: stain | leak | its biases |\n\
-        |---|---|---:|---:|---:|---:|---:|---:|---|\n"
+        | case | filter | automatic: stain | leak | planes alone: leak | Bevy, defaults: stain | leak | Bevy, best: stain | leak | its biases |\n\
+        |---|---|---:|---:|---:|---:|---:|---:|---:|---|\n"
         .to_owned();
     for case in Case::ALL {
         done(&format!("{case:?}"));
@@ -94,15 +119,28 @@ fn biases(done: &mut impl FnMut(&str)) -> String {
         for (filter, reach) in FILTERS {
             let camera = studio.camera;
             studio.world().entity_mut(camera).insert(filter);
-            let ours = faults(&mut studio, &view, &Setting::pssm("", config()), reach);
-            let defaults = faults(&mut studio, &view, &Setting::bevy("", stock()), reach);
+            let mut mean =
+                |setting: &dyn Fn(u32) -> Setting| mean_faults(&mut studio, &view, setting, reach);
+            let ours = mean(&|size| Setting::pssm("", config(size)));
+            let plane = mean(&|size| Setting::pssm("", plane_alone(size)));
+            let defaults = mean(&|size| Setting::bevy("", stock(size)));
             let mut best: Option<(BiasFaults, f32, f32)> = None;
-            for normal_bias in NORMAL_BIASES {
-                for depth_bias in DEPTH_BIASES {
+            let normal_biases = if quick {
+                &NORMAL_BIASES[..1]
+            } else {
+                &NORMAL_BIASES
+            };
+            let depth_biases = if quick {
+                &DEPTH_BIASES[4..5]
+            } else {
+                &DEPTH_BIASES
+            };
+            for &normal_bias in normal_biases {
+                for &depth_bias in depth_biases {
                     let tried = Stock {
                         normal_bias,
                         depth_bias,
-                        ..stock()
+                        ..stock(MAP_SIZES[0])
                     };
                     let found = faults(&mut studio, &view, &Setting::bevy("", tried), reach);
                     let key = |faults: &BiasFaults| (faults.stain_pct, faults.leak_pct);
@@ -111,14 +149,24 @@ fn biases(done: &mut impl FnMut(&str)) -> String {
                     }
                 }
             }
-            let Some((best, normal_bias, depth_bias)) = best else {
+            let Some((_, normal_bias, depth_bias)) = best else {
                 continue;
             };
+            let tuned = |size| {
+                let biases = Stock {
+                    normal_bias,
+                    depth_bias,
+                    ..stock(size)
+                };
+                Setting::bevy("", biases)
+            };
+            let best = mean_faults(&mut studio, &view, tuned, reach);
             let _ = writeln!(
                 text,
-                "| {case:?} | {filter:?} | {:.3} | {:.2} | {:.3} | {:.2} | {:.3} | {:.2} | {normal_bias}, {depth_bias} |",
+                "| {case:?} | {filter:?} | {:.3} | {:.2} | {:.2} | {:.3} | {:.2} | {:.3} | {:.2} | {normal_bias}, {depth_bias} |",
                 ours.stain_pct,
                 ours.leak_pct,
+                plane.leak_pct,
                 defaults.stain_pct,
                 defaults.leak_pct,
                 best.stain_pct,
@@ -155,8 +203,8 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
                 let camera = studio.camera;
                 studio.world().entity_mut(camera).insert(filter);
             }
-            studio.apply(&Setting::pssm("", config()));
-            bevys.apply(&Setting::bevy("", stock()));
+            studio.apply(&Setting::pssm("", config(MAP_SIZES[0])));
+            bevys.apply(&Setting::bevy("", stock(MAP_SIZES[0])));
             *ratio = quotient(|own| times(if own { &mut *studio } else { &mut *bevys }));
         }
         let _ = writeln!(text, "| {filter:?} | {:.2} | {:.2} |", ratios[0], ratios[1]);
@@ -171,7 +219,7 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
             .insert(ShadowFilteringMethod::Gaussian);
     }
     let with = |change: &dyn Fn(&mut ParallelSplitShadows)| {
-        let mut config = config();
+        let mut config = config(MAP_SIZES[0]);
         change(&mut config);
         config
     };
@@ -214,7 +262,7 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
             ratio(
                 studio,
                 &Setting::pssm("", other.clone()),
-                &Setting::pssm("", config()),
+                &Setting::pssm("", config(MAP_SIZES[0])),
             )
         });
         let _ = writeln!(text, "| {name} | {:.2} | {:.2} |", ratios[0], ratios[1]);

@@ -74,7 +74,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     if arguments.lookups {
-        let text = lookups::report(|case| tell(&format!("{case}\n")));
+        let text = lookups::report(arguments.quick, |case| tell(&format!("{case}\n")));
         let file = arguments.out.join("lookups.md");
         std::fs::create_dir_all(&arguments.out)
             .and_then(|()| std::fs::write(&file, text))

@@ -15,7 +15,7 @@ pub struct Comparison {
     /// surfaces, too much as light at the feet of casters. Default [`ShadowBias::Automatic`],
     /// which needs no number.
     pub bias: ShadowBias,
-    /// How depth grows over a warped map; up to four taps instead of one where linear. Default
+    /// How depth grows over a warped map; at no cost. Default
     /// [`DepthDistribution::Hyperbolic`], over which the automatic bias is exact.
     pub depth: DepthDistribution,
     /// Which faces of casters the maps hold; at no cost. The wrong ones show as light under thin
@@ -35,19 +35,19 @@ pub struct Comparison {
 /// More than this many meters or texels is a mistake.
 const MAX_BIAS: f32 = 1000.0;
 
-/// How far a lookup is moved towards the light so that surfaces do not shadow themselves.
+/// How much nearer to the light than a surface texels may be without shadowing it.
 ///
 /// `DirectionalLight::shadow_normal_bias` and `shadow_depth_bias` act as multipliers around
-/// Bevy's defaults (1.8 and 0.02): twice the default doubles the part of the bias that
-/// follows the slope and the part that does not, and zero takes it away.
+/// Bevy's defaults (1.8 and 0.02): the first of what follows the surface's slope, the second of
+/// what does not. Below their defaults they take nothing away from [`ShadowBias::Automatic`].
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ShadowBias {
-    /// What suffices and no more, by the map's matrix, the surface's plane and what one tap of
-    /// the filter reads ([`geometry::bias`](crate::geometry::bias)); each tap is compared with
-    /// the surface's plane at its own place, so that wide filters need no more than narrow
-    /// ones.
+    /// What suffices and no more, by the map's matrix and the surface's plane: each texel is
+    /// compared with the plane at its own center
+    /// ([`geometry::bias`](crate::geometry::bias)), so that wide filters need no more than
+    /// narrow ones and steep surfaces no more than flat ones.
     #[default]
     Automatic,
     /// The same everywhere. Either it is too little on slopes or too much elsewhere.
@@ -74,7 +74,7 @@ pub enum ShadowBias {
         #[reflect(@0.0..=MAX_BIAS)]
         texels: f32,
     },
-    /// Compares each tap with the surface's plane at its own place, and moves all by the same.
+    /// Compares each texel with the surface's plane at its own center, and moves all by the same.
     ReceiverPlane {
         /// Towards the light (meters, at least 0).
         #[reflect(@0.0..=MAX_BIAS)]

@@ -27,12 +27,11 @@ pub enum ShadowFilter {
     /// the sun.
     #[default]
     Camera,
-    /// The four nearest texels, by bilinear weights: one tap.
+    /// The four nearest texels, by bilinear weights.
     Hardware2x2,
-    /// All texels within the radius, weights falling evenly to zero. Radius 1 is
-    /// `Hardware2x2`; up to 3 texels take nine taps, `r` more take about `r (r + 2)`, and twice as
-    /// many where a shadow's edge is near. Wider is softer and hides texels; edges move off
-    /// the truth by what is hidden.
+    /// All texels within the radius, weights falling evenly to zero. Radius 1 is `Hardware2x2`;
+    /// radius `r` reads about `4 r²` texels, and twice as many where a shadow's edge is near. Wider
+    /// is softer and hides texels; edges move off the truth by what is hidden.
     Tent(FilterRadius),
     /// Eight taps on a spiral, turned from pixel to pixel and frame to frame: for cameras with
     /// temporal antialiasing; grainy otherwise.

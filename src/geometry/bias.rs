@@ -1,38 +1,40 @@
-//! How much nearer to the light a lookup must be taken for a plane not to shadow itself: exactly
-//! enough, for any map.
+//! How much nearer to the light than a lookup's point the texels that it reads may be and still be
+//! the surface that the point lies on: exactly that much, for any map.
 //!
-//! A map stores the depth of texel centers, and a lookup reads those around it, so on a slope it
-//! finds texels that are nearer to the light than the surface at the lookup. A map's matrix
-//! takes planes to planes: the depth changes evenly over the map, and the greatest change within
-//! the lookup's reach is necessary and sufficient ([`sufficient`]).
+//! A map stores the depth of texel centers, and a lookup reads those around its point, so on a slope
+//! it finds texels that are nearer to the light than the point. A map's matrix takes planes to
+//! planes: the depth changes evenly over the map, and each texel is compared with the
+//! receiver's plane at its own center ([`Bias::at`]). On planes nothing is left of the bias then but
+//! rounding; bends of the surface and walls that stand on it need their parts.
 //!
 //! Let `X`, `Y` and `Z` be the gradients of NDC over the world at the point
 //! ([`MapDerivatives`]), and `n` the plane's normal. The depth's slopes `a` and `b` along the map's
 //! axes are those for which `Z − aX − bY` is parallel to `n`, that is
-//! `a = Z·(Y × n) / X·(Y × n)` and `b = Z·(n × X) / X·(Y × n)`. A filter of many taps compares
-//! each with the plane at its own place, by these slopes, so the bias has to cover the reach of
-//! one tap only ([`TAP_REACH`]), whatever the filter. [`automatic`] adds what walls on the
-//! plane and the rounding of positions need. `shaders/receiver.wesl` does the same on the GPU.
+//! `a = Z·(Y × n) / X·(Y × n)` and `b = Z·(n × X) / X·(Y × n)`. `shaders/receiver.wesl` and
+//! `shaders/filter.wesl` do the same on the GPU.
 
 use glam::{DMat4, DVec2, DVec3};
 
-/// What a bilinear tap reads: texel centers less than one texel away, along both axes; and the
-/// 1/256 of a texel that rasterizers round vertices to, with a margin (texels).
-pub const TAP_REACH: f64 = 1.0 + 1.0 / 64.0;
+/// A wall that stands on the receiver's plane rises by no more than this (meters towards the light
+/// per meter across it), as far as it is told from a caster.
+pub const WALL_SLOPE: f64 = 2.0;
 
-/// The automatic bias is never below that of a plane with this slope (meters towards the light
-/// per meter across it): a wall may stand on the plane, and rises within one tap's reach.
-pub const LEAST_SLOPE: f64 = 2.0;
+/// The receiver's surface bends upwards by no more than one part in so many of a radian within a
+/// texel: under a sun that grazes the ground a texel covers much of it.
+pub const BEND_RECIPROCAL: u32 = 8;
 
-/// The automatic bias moves a lookup towards the light by no more than this (texels across the
-/// light), or nearly edge-on surfaces would lose the shadows of what stands close to them. What
-/// is missing is made up for along the surface's normal, where it takes less than two texels at
-/// any slope.
-pub const MOST_TEXELS: u32 = 3;
+/// Rasterizers round vertices to 1/256 of a texel, and with them the plane that a map holds; with a
+/// margin (texels).
+pub const TEXEL_ROUNDING: f64 = 1.0 / 64.0;
 
-/// What it then takes along the normal at most (texels): the wall's and the rounding's parts
-/// included, with a margin.
-pub const MOST_OFFSET_TEXELS: f64 = 2.0;
+/// Planes that rise by more than this (meters towards the light per meter across it) are taken to
+/// rise by no more, for they end soon: the rest of what they need goes along the surface's normal,
+/// where it takes less than a texel.
+pub const STEEPEST_SLOPE: u32 = 16;
+
+/// Planes that rise by more than this (meters towards the light per meter across it) end before they
+/// have left a wide filter, which is narrowed for them.
+pub const STEEP_SLOPE: u32 = 3;
 
 /// Where a filter's taps differ, casters that rise by less than this from the lookup's point
 /// (meters towards the light per meter across it, on top of the plane's own slope) may be a bend
@@ -93,26 +95,43 @@ impl MapDerivatives {
     }
 }
 
-/// The bias in NDC depth that suffices for lookups that read texel centers at most `reach`
-/// texels away along each axis, in a map of so many texels: a nearest texel's reach is a half, a
-/// bilinear tap's one, that of a kernel of bilinear taps up to `j` texels away `j + 1`.
-pub fn sufficient(slope: DVec2, reach: DVec2, map_size: DVec2) -> f64 {
-    (2.0 * reach / map_size).dot(slope.abs())
-}
-
-/// How far a lookup is moved.
+/// How much nearer to the light than a point the texels around it may be and still be its own
+/// surface (NDC depth).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bias {
-    /// Towards the light (NDC depth).
-    pub depth: f64,
-    /// Along the normal, to the light's side (meters).
+    /// What the receiver's plane rises per texel along the map's x and y.
+    pub slope: DVec2,
+    /// What it rises more per texel where it bends ([`BEND_RECIPROCAL`]).
+    pub bend: f64,
+    /// What a wall on it rises within a texel at most, and within half of one
+    /// ([`WALL_SLOPE`]).
+    pub wall: f64,
+    /// What positions and the plane are rounded by.
+    pub rounding: f64,
+    /// How far the point is moved along the normal, to the light's side (meters): nothing unless the
+    /// plane is nearly edge-on ([`STEEPEST_SLOPE`]).
     pub offset: f64,
 }
 
-/// The bias that every tap of a lookup gets ([`ShadowBias::Automatic`](crate::ShadowBias)): what
-/// one tap reads of the plane, or of a wall on it, and what positions are rounded by. An
-/// offset along the normal clears a plane as a depth bias does that is as much larger as the sine
-/// of the angle between plane and light is smaller. `None` as for [`MapDerivatives`].
+impl Bias {
+    /// For a texel whose center lies so far from the point (texels).
+    pub fn at(&self, offset: DVec2) -> f64 {
+        let farthest = offset.abs().max_element();
+        let rise = self.slope.dot(offset);
+        let bent = (rise + self.bend * farthest).min(self.most());
+        let wall = self.wall * (2.0 * farthest).min(1.0);
+        rise + (bent.max(wall) - rise).clamp(0.0, self.most()) + self.rounding
+    }
+
+    /// What the plane rises within a texel along both axes, or a wall: beyond the plane, no
+    /// texel needs more.
+    pub fn most(&self) -> f64 {
+        self.slope.abs().element_sum().max(self.wall)
+    }
+}
+
+/// The bias of [`ShadowBias::Automatic`](crate::ShadowBias): what the plane, its bends, a wall on it
+/// and the rounding of positions need. `None` as for [`MapDerivatives`].
 pub fn automatic(
     clip_from_world: &DMat4,
     point: DVec3,
@@ -122,19 +141,23 @@ pub fn automatic(
 ) -> Option<Bias> {
     let map = MapDerivatives::at(clip_from_world, point)?;
     let (normal, to_light) = (normal.try_normalize()?, to_light.try_normalize()?);
-    let slope = map.depth_slope(normal)?;
-    let reach = sufficient(slope, DVec2::splat(TAP_REACH), map_size);
+    let whole_slope = map.depth_slope(normal)? * 2.0 / map_size;
     let sizes = map.texel(map_size);
-    let (texel, per_meter) = (sizes.max_element(), map.z.dot(to_light).abs());
-    let wall = LEAST_SLOPE * texel * per_meter;
-    let rounding = (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
-    let sideways = (slope.abs() * 2.0 / map_size / sizes).element_sum();
-    let need = reach.max(wall) + rounding * (map.z.length() + sideways);
-    let depth = need.min(f64::from(MOST_TEXELS) * texel * per_meter);
+    let per_meter = map.z.dot(to_light).abs();
+    let texel_depth = sizes.max_element() * per_meter;
+    let whole_steepness = whole_slope.abs().element_sum();
+    let steepness = whole_steepness.min(f64::from(STEEPEST_SLOPE) * texel_depth);
+    let slope = whole_slope * (steepness / whole_steepness.max(f64::MIN_POSITIVE));
     let facing = normal.dot(to_light).abs();
     let out = facing.max(1.0 / f64::from(EDGE_ON_RECIPROCAL));
+    let positions =
+        (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
+    let sideways = (slope.abs() / sizes).element_sum();
     Some(Bias {
-        depth,
-        offset: out * (need - depth) / per_meter,
+        slope,
+        bend: (texel_depth + slope.length_squared() / texel_depth) / f64::from(BEND_RECIPROCAL),
+        wall: WALL_SLOPE * texel_depth,
+        rounding: TEXEL_ROUNDING * steepness + positions * (map.z.length() + sideways),
+        offset: out * (whole_steepness - steepness) / per_meter,
     })
 }

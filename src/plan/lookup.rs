@@ -4,7 +4,7 @@ use bevy::{light::DirectionalLight, reflect::structs::GetField};
 
 use crate::{
     config::{MAX_SUN_DEGREES, ParallelSplitShadows, ShadowBias, ShadowFilter},
-    geometry::{bias::MOST_OFFSET_TEXELS, fit::LookupReach},
+    geometry::fit::LookupReach,
 };
 
 /// A light of this `soft_shadow_size` looks as large as the sun.
@@ -29,10 +29,9 @@ pub fn filter_of(config: &ParallelSplitShadows, light: &DirectionalLight) -> Sha
 
 /// What surface lookups reach beyond their points, for a light.
 pub fn lookup_reach(config: &ParallelSplitShadows, light: &DirectionalLight) -> LookupReach {
-    let [slope_scale, constant_scale] = bias_scales(light).map(f64::abs);
+    let [slope_scale, _] = bias_scales(light).map(f64::abs);
     let offset = match config.comparison.bias {
         ShadowBias::NormalOffset { texels } => f64::from(texels) * slope_scale,
-        ShadowBias::Automatic => MOST_OFFSET_TEXELS * slope_scale.max(constant_scale),
         _ => 0.0,
     };
     let filter = filter_of(config, light).reach_texels(config.has_square_texels());

@@ -7,7 +7,7 @@ use crate::{
         CascadeTransition, CasterFaces, DepthDistribution, FilterRadius, ParallelSplitShadows,
         ShadowBias, ShadowFilter,
     },
-    geometry::bias::{LEAST_SLOPE, TAP_REACH},
+    geometry::bias::{TEXEL_ROUNDING, WALL_SLOPE},
     plan::{bias_scales, filter_of},
     shaders::code,
 };
@@ -40,7 +40,10 @@ impl LookupOptions {
             }
         };
         let (bias, parameters) = match config.comparison.bias {
-            ShadowBias::Automatic => (code::BIAS_AUTOMATIC, [TAP_REACH as f32, LEAST_SLOPE as f32]),
+            ShadowBias::Automatic => (
+                code::BIAS_AUTOMATIC,
+                [TEXEL_ROUNDING as f32, WALL_SLOPE as f32],
+            ),
             ShadowBias::Constant { meters } => (code::BIAS_CONSTANT, [meters, 0.0]),
             ShadowBias::SlopeScaled { factor, meters } => {
                 (code::BIAS_SLOPE_SCALED, [meters, factor])
@@ -52,7 +55,11 @@ impl LookupOptions {
             CasterFaces::Front => 1.0,
             CasterFaces::Back => -1.0,
         };
-        let [slope_scale, constant_scale] = bias_scales(light);
+        let [slope_scale, constant_scale] = bias_scales(light).map(|scale| {
+            // What suffices is the least that does.
+            let is_automatic = config.comparison.bias == ShadowBias::Automatic;
+            if is_automatic { scale.max(1.0) } else { scale }
+        });
         let flag = |set: bool| f32::from(u8::from(set));
         Self {
             filter: [

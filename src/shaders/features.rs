@@ -24,8 +24,7 @@ pub struct ShaderFeatures {
     pub built_in: bool,
     /// All of [`ShadowBias`] but `Automatic`, and [`DepthDistribution::Linear`].
     pub biases: bool,
-    /// [`ShadowFilter::Tent`] and `Hardware2x2`, and what [`CascadeFit`]s other
-    /// than `Stable` need, whose texels are not square.
+    /// [`ShadowFilter::Tent`] and `Hardware2x2`.
     pub tents: bool,
     /// [`ShadowFilter::Temporal`].
     pub temporal: bool,
@@ -57,8 +56,7 @@ impl ShaderFeatures {
         Self {
             biases: config.comparison.bias != ShadowBias::Automatic
                 || config.comparison.depth == DepthDistribution::Linear,
-            tents: matches!(filter, ShadowFilter::Tent(_) | ShadowFilter::Hardware2x2)
-                || !config.has_square_texels(),
+            tents: matches!(filter, ShadowFilter::Tent(_) | ShadowFilter::Hardware2x2),
             temporal: matches!(filter, ShadowFilter::Temporal(_)),
             soft: matches!(filter, ShadowFilter::Soft { .. }),
             warps: config.fit.any(|fit| matches!(fit, MapFit::Warped(_))),

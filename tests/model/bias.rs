@@ -1,8 +1,10 @@
-//! The sufficient bias: no less will do, and no more is needed.
+//! The automatic bias: planes need no more than rounding, walls and bends their parts.
 
 use bevy::math::{DMat4, DVec2, DVec3};
 use bevy_pssm::geometry::{
-    bias::{LEAST_SLOPE, MOST_TEXELS, MapDerivatives, TAP_REACH, automatic, sufficient},
+    bias::{
+        BEND_RECIPROCAL, MapDerivatives, STEEPEST_SLOPE, TEXEL_ROUNDING, WALL_SLOPE, automatic,
+    },
     fit::{self, LookupReach},
     light_frame::LightFrame,
     slice::ViewVolume,
@@ -56,48 +58,6 @@ fn on_plane(map: &DMat4, at: DVec2, point: DVec3, normal: DVec3) -> Option<DVec3
     t.is_finite().then(|| a + t * along)
 }
 
-proptest! {
-    #[test]
-    fn a_plane_needs_exactly_the_sufficient_bias(
-        light in prop::array::uniform3(-1.0..1.0_f64),
-        turn in prop::array::uniform3(-1.0..1.0_f64),
-        eye in prop::array::uniform3(-300.0..300.0_f64),
-        depth in 3.0..35.0_f64,
-        warp in prop_oneof![Just(0.0), 0.05..1.0_f64],
-        reach in prop::array::uniform2(0.5..6.0_f64),
-    ) {
-        let (to_light, turn) = (DVec3::from(light), DVec3::from(turn));
-        prop_assume!(to_light.length() > 0.1);
-        let to_light = to_light.normalize();
-        // Towards the light, at any slope up to some 89°.
-        let normal = (to_light + 20.0 * turn).normalize();
-        let normal = normal * normal.dot(to_light).signum();
-        prop_assume!(normal.dot(to_light) > 0.017);
-        let (eye, size) = (DVec3::from(eye), DVec2::splat(512.0));
-        let map = map(eye, to_light, warp);
-        let point = eye + DVec3::new(0.2, -0.1, -1.0) * depth;
-        let slope = MapDerivatives::at(&map, point)
-            .and_then(|map| map.depth_slope(normal))
-            .expect("it is lit");
-        let reach = DVec2::from(reach);
-        let bias = sufficient(slope, reach, size);
-
-        // The depths that a lookup at the point reads, at the corners of its reach.
-        let here = ndc(&map, point);
-        let worst = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-            .into_iter()
-            .filter_map(|(x, y)| {
-                let at = here.truncate() + DVec2::new(x, y) * 2.0 * reach / size;
-                on_plane(&map, at, point, normal)
-            })
-            // Reverse z: greater is nearer to the light.
-            .map(|neighbor| ndc(&map, neighbor).z - here.z)
-            .fold(0.0, f64::max);
-        let tolerance = 1e-6 * bias.max(1e-6);
-        prop_assert!((worst - bias).abs() <= tolerance, "{worst} needed, {bias} given");
-    }
-}
-
 #[test]
 fn planes_across_the_light_have_no_slope_unwarped_and_edge_on_ones_a_bounded_one() {
     let map = map(DVec3::ZERO, DVec3::Y, 0.0);
@@ -105,7 +65,6 @@ fn planes_across_the_light_have_no_slope_unwarped_and_edge_on_ones_a_bounded_one
     let here = MapDerivatives::at(&map, point).expect("it is in the map");
     let flat = here.depth_slope(DVec3::Y).expect("it faces the light");
     assert!(flat.length() < 1e-12, "{flat}");
-    assert!(sufficient(flat, DVec2::ONE, DVec2::ONE) < 1e-12);
     // From edge-on to the last slope that counts, nothing changes.
     let edge_on = here.depth_slope(DVec3::X).expect("it has a direction");
     assert!(edge_on.is_finite());
@@ -116,40 +75,91 @@ fn planes_across_the_light_have_no_slope_unwarped_and_edge_on_ones_a_bounded_one
     assert_eq!(MapDerivatives::at(&DMat4::ZERO, point), None);
 }
 
+proptest! {
+    /// Each texel of a plane is found at the depth that the bias says, whatever the slope.
+    #[test]
+    fn texels_of_a_plane_need_rounding_alone(
+        light in prop::array::uniform3(-1.0..1.0_f64),
+        turn in prop::array::uniform3(-1.0..1.0_f64),
+        depth in 3.0..35.0_f64,
+        warp in prop_oneof![Just(0.0), 0.05..1.0_f64],
+        offset in prop::array::uniform2(-6.0..6.0_f64),
+    ) {
+        let (to_light, turn) = (DVec3::from(light), DVec3::from(turn));
+        prop_assume!(to_light.length() > 0.1);
+        let to_light = to_light.normalize();
+        let normal = (to_light + 20.0 * turn).normalize();
+        let normal = normal * normal.dot(to_light).signum();
+        // Steeper ones have an offset as well.
+        prop_assume!(normal.dot(to_light) > 0.1);
+        let size = DVec2::splat(512.0);
+        let map = map(DVec3::ZERO, to_light, warp);
+        let point = DVec3::new(0.2, -0.1, -1.0) * depth;
+        let bias = automatic(&map, point, normal, to_light, size).expect("it is lit");
+        let (here, offset) = (ndc(&map, point), DVec2::from(offset));
+        let at = here.truncate() + 2.0 * offset / size;
+        let texel = on_plane(&map, at, point, normal).expect("it meets the plane");
+        let rise = ndc(&map, texel).z - here.z;
+        let tolerance = 1e-6 * bias.most();
+        let plane = bias.slope.dot(offset);
+        prop_assert!((plane - rise).abs() <= tolerance, "{plane} for {rise}");
+        // No less, and no more than what a single depth for all texels would have to be.
+        let given = bias.at(offset) - bias.rounding;
+        prop_assert!(given >= rise - tolerance && given <= rise + bias.most() + tolerance);
+        if offset.abs().max_element() <= 1.0 {
+            prop_assert!(given <= bias.most() + tolerance);
+        }
+    }
+}
+
 #[test]
-fn the_automatic_bias_is_a_taps_reach_and_at_least_that_of_walls() {
+fn the_automatic_bias_has_parts_for_walls_and_bends() {
     let size = DVec2::splat(512.0);
     let map = map(DVec3::ZERO, DVec3::Y, 0.0);
     let point = DVec3::new(0.3, -1.0, -9.0);
     let here = MapDerivatives::at(&map, point).expect("it is in the map");
     let per_meter = here.z.length();
     let texel = here.texel(size).max_element();
-    let bias = |normal| {
-        let bias = automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
-        (bias.depth / per_meter / texel, bias.offset / texel)
-    };
-    // Facing the light: what a wall needs. Steep, along an axis of the map: the slope's own.
-    let (depth, offset) = bias(DVec3::Y);
-    approx::assert_relative_eq!(depth, LEAST_SLOPE, max_relative = 1e-3);
-    assert_eq!(offset, 0.0);
+    let of = |normal| automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
+    let texels = |depth: f64| depth / per_meter / texel;
+    // Facing the light: what a wall rises, all of it from half a texel on, and nothing at the point.
+    let flat = of(DVec3::Y);
+    approx::assert_relative_eq!(texels(flat.at(DVec2::X)), WALL_SLOPE, max_relative = 1e-3);
+    approx::assert_relative_eq!(flat.at(DVec2::X), flat.at(0.5 * DVec2::NEG_Y));
+    assert_eq!(flat.at(DVec2::ZERO), flat.rounding);
+    // Steep, along an axis of the map: uphill the plane's own rise and its bend, downhill a wall.
     let along = here.x.normalize();
-    let (depth, offset) = bias(along * 2.0 + DVec3::Y);
-    approx::assert_relative_eq!(depth, 2.0 * TAP_REACH, max_relative = 1e-3);
-    assert_eq!(offset, 0.0);
-    // Too steep for depth alone: both together clear the plane as depth would, and the offset
-    // stays below two texels in any direction.
-    for steepness in [4.0, 20.0, 100.0, 1000.0] {
+    for steepness in [4.0, 12.0] {
+        let steep = of(along * steepness + DVec3::Y);
+        let uphill = DVec2::new(-0.5, 0.0);
+        let bend = (1.0 + steepness * steepness) / f64::from(BEND_RECIPROCAL);
+        let rounding = texels(steep.rounding);
+        approx::assert_relative_eq!(rounding, TEXEL_ROUNDING * steepness, max_relative = 1e-2);
+        let expected = (0.5 * (steepness + bend)).min(steepness) + rounding;
+        approx::assert_relative_eq!(texels(steep.at(uphill)), expected, max_relative = 1e-3);
+        let bent = 0.5 * (bend - steepness);
+        let expected = WALL_SLOPE.max(bent).min(0.5 * steepness) + rounding;
+        approx::assert_relative_eq!(texels(steep.at(-uphill)), expected, max_relative = 1e-3);
+        assert_eq!(steep.offset, 0.0);
+    }
+    // Nearly edge-on: slope and offset together clear the plane as a greater slope would, and the
+    // offset stays below a texel.
+    for steepness in [20.0, 100.0, 1e6] {
         let normal = along * steepness + DVec3::Y;
-        let (depth, offset) = bias(normal);
-        approx::assert_relative_eq!(depth, f64::from(MOST_TEXELS), max_relative = 1e-9);
+        let steep = of(normal);
+        let (rise, offset) = (texels(steep.slope.length()), steep.offset / texel);
+        approx::assert_relative_eq!(rise, f64::from(STEEPEST_SLOPE), max_relative = 1e-6);
         let sine = normal.normalize().y.max(1.0 / 128.0);
-        let needed = TAP_REACH * f64::min(steepness, 128.0);
-        approx::assert_relative_eq!(depth + offset / sine, needed, max_relative = 1e-3);
-        let diagonal = along + here.y.normalize();
-        assert!(bias(diagonal * steepness + DVec3::Y).1 < 2.0);
+        let needed = steepness.min(128.0);
+        approx::assert_relative_eq!(rise + offset / sine, needed, max_relative = 1e-3);
+        assert!(offset < 1.0, "{offset}");
     }
     // Far out, positions are coarser than texels.
     let far_out = DVec3::new(1e6, 0.0, 0.0);
     let far = automatic(&map, far_out, DVec3::Y, DVec3::Y, size).expect("it is lit");
-    assert!(far.depth / per_meter > 0.2, "{}", far.depth / per_meter);
+    assert!(
+        far.rounding / per_meter > 0.2,
+        "{}",
+        far.rounding / per_meter
+    );
 }

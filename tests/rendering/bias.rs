@@ -6,7 +6,7 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_pssm::{geometry::bias::MOST_TEXELS, plan::split_planes, prelude::*};
+use bevy_pssm::{plan::split_planes, prelude::*};
 use image::RgbImage;
 
 use crate::{
@@ -184,7 +184,11 @@ fn check(case: Case, most: Most) {
         .insert(ShadowFilteringMethod::Gaussian);
     let view = look(&mut studio);
     let mut failures = String::new();
-    for variation in variations() {
+    // Texels of small maps are wider than rows of tiles.
+    let is_seen = |variation: &Variation| {
+        case != Case::Roofs || variation.config.map_size != MapSize::Same(256)
+    };
+    for variation in variations().into_iter().filter(is_seen) {
         let name = format!("{case:?}_{}", variation.name);
         failures += &judge(&mut studio, &view, &variation, &name, most);
     }
@@ -256,6 +260,29 @@ fn contact() {
         Most {
             stain: FEET,
             leak: 0.8,
+        },
+    );
+}
+
+#[test]
+fn roofs() {
+    check(
+        Case::Roofs,
+        // Between rows of shadows next to nothing is far from any.
+        Most {
+            stain: f64::INFINITY,
+            leak: 14.0,
+        },
+    );
+}
+
+#[test]
+fn ridges() {
+    check(
+        Case::Ridges,
+        Most {
+            stain: 0.0,
+            leak: 10.0,
         },
     );
 }
@@ -333,7 +360,8 @@ fn overlays_show_what_the_cpu_works_out() {
             ShadowOverlay::Cascade,
         ]
         .map(&mut show);
-        let [none, twice] = [0.0, 2.0].map(|multiplier| {
+        // The light's own fields add to what suffices and take nothing away.
+        let [less, more] = [0.0, 2.0].map(|multiplier| {
             let sun = studio.sun;
             let mut light = studio.world().get_mut::<DirectionalLight>(sun).unwrap();
             light.shadow_depth_bias = multiplier * DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS;
@@ -356,10 +384,8 @@ fn overlays_show_what_the_cpu_works_out() {
                 (f64::from(found) - expected).abs() <= share * expected + 0.002
             };
             off[1] += usize::from(!close(10.0 * bias.pixel(pixel)[0], expected_bias, 0.02));
-            let most = f64::from(MOST_TEXELS);
-            let doubled = (2.0 * expected_bias).min(most);
-            off[3] += usize::from(!close(10.0 * twice.pixel(pixel)[0], doubled, 0.02));
-            off[4] += usize::from(!close(10.0 * none.pixel(pixel)[0], 0.0, 0.0));
+            off[3] += usize::from(more.pixel(pixel)[0] < 1.2 * bias.pixel(pixel)[0]);
+            off[4] += usize::from(less.pixel(pixel)[0] != bias.pixel(pixel)[0]);
             off[2] += usize::from(!close(2.0 * texels.pixel(pixel)[0], expected_texels, 0.06));
             let colors: [f32; 3] = cascades.pixel(pixel);
             assert!(
@@ -534,7 +560,7 @@ fn dithering_is_cross_fading_on_average() {
     let with = |transition| ParallelSplitShadows {
         far: 150.0,
         blend: 0.5,
-        map_size: MapSize::Same(256),
+        map_size: MapSize::Same(64),
         transition,
         ..default()
     };

@@ -121,7 +121,6 @@ fn every_flag_combination_compiles() {
                 *value = set & 3 != 3;
             }
         }
-        let wide = parts.tents || parts.warps;
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
             0 | 127 => &platforms[..],
@@ -147,10 +146,7 @@ fn every_flag_combination_compiles() {
                         "temporal(lookup",
                         parts.temporal || filter == Some(TEMPORAL),
                     ),
-                    (
-                        "wide_tent",
-                        wide && (parts.tents || filter == Some(GAUSSIAN)),
-                    ),
+                    ("tent_sum(lookup", parts.tents || filter == Some(GAUSSIAN)),
                     ("cascade_color", parts.overlays),
                     ("is_in_wedge", parts.faces),
                 ] {

@@ -269,14 +269,19 @@ fn planted_faults_are_found() {
 
     // With no bias about half of each filter is in shadow, so surfaces are stained all over; how many
     // pixels are more than half wrong, rounding decides. Away from the light most are.
-    let unbiased = measure("no_bias", config(2048, CascadeFit::Stable), Some([0.0; 2]));
+    let constant = |meters| {
+        let mut config = config(2048, CascadeFit::Stable);
+        config.comparison.bias = ShadowBias::Constant { meters };
+        config
+    };
+    let unbiased = measure("no_bias", constant(0.0), None);
     assert!(
         unbiased.figures.stain_pct > figures.stain_pct + 50.0,
         "{:?}",
         unbiased.figures
     );
-    let away = Some([-0.02, -1.8]);
-    let unbiased = measure("away_bias", config(2048, CascadeFit::Stable), away);
+    let away = Some([-0.02, 1.8]);
+    let unbiased = measure("away_bias", constant(0.1), away);
     assert!(
         unbiased.figures.acne_pct > figures.acne_pct + 5.0,
         "{:?}",

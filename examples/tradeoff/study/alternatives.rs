@@ -197,11 +197,10 @@ impl Model {
         let Some(here) = MapDerivatives::at(&map.clip_from_world, point + out) else {
             return LIT;
         };
-        let slope = here.depth_slope(normal).unwrap_or_default() * 2.0 / map.size;
         let at = (here.ndc.truncate() * 0.5 + 0.5) * map.size;
         let (mut compared, mut weights) = (0.0, 0.0);
         let mut moments = [0.0; 4];
-        let receiver = here.ndc.z + bias.depth;
+        let receiver = here.ndc.z + bias.most();
         let first = (at - TENT - 0.5).ceil();
         let last = at + TENT - 0.5;
         let mut y = first.y;
@@ -219,9 +218,8 @@ impl Model {
                     let height = self.tracer.caster_height(bottom, self.to_sun);
                     (height.unwrap_or(0.0) / (top - bottom).length()).min(1.0)
                 });
-                // Relative to the plane, which is what a filter that knows it would compare.
-                let above = stored - slope.dot(offset);
-                compared += weight * f64::from(u8::from(above <= receiver));
+                let is_lit = stored <= here.ndc.z + bias.at(offset);
+                compared += weight * f64::from(u8::from(is_lit));
                 // Nearer to the light is more: turned around for the usual inequality.
                 let (up, down) = warped(-stored);
                 for (moment, value) in moments.iter_mut().zip([up, up * up, down, down * down]) {

@@ -27,32 +27,52 @@ pub enum Case {
     Fences,
     /// A box on the ground, from its shadow's side.
     Contact,
+    /// A roof's rows of tiles, in steps of 5 cm, under a low sun.
+    Roofs,
+    /// Rolling ground under a sun of 3°.
+    Ridges,
     /// A slab over the ground along the view, for its shadow's edge at all depths.
     Slab,
 }
 
 impl Case {
     /// Those that biases fail in.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::Slopes,
         Self::Balls,
         Self::Waves,
         Self::Walls,
         Self::Fences,
         Self::Contact,
+        Self::Roofs,
+        Self::Ridges,
     ];
 
     fn eye(self) -> Transform {
         let (eye, target) = match self {
             Self::Slopes => (Vec3::new(0.0, 0.0, 0.0), Vec3::NEG_Z),
-            Self::Waves => (Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -25.0)),
+            Self::Waves | Self::Ridges => (Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -25.0)),
             Self::Contact => (Vec3::new(-1.2, 1.4, 4.5), Vec3::new(-1.6, 0.2, 0.0)),
             Self::Slab => (Vec3::new(0.0, 12.0, 6.0), Vec3::new(0.0, 0.0, -40.0)),
-            Self::Balls | Self::Walls | Self::Fences => {
+            Self::Balls | Self::Walls | Self::Fences | Self::Roofs => {
                 (Vec3::new(0.0, 3.0, 4.0), Vec3::new(0.0, 0.5, -6.0))
             }
         };
         Transform::from_translation(eye).looking_at(target, Vec3::Y)
+    }
+
+    /// Unit vector to its sun: but for low suns, from the right, a little behind the camera.
+    fn to_sun(self) -> Vec3 {
+        let low = |degrees: f32| {
+            let elevation = degrees.to_radians();
+            Vec3::new(elevation.cos(), elevation.sin(), 0.1)
+        };
+        let to_sun = match self {
+            Self::Roofs => low(15.0),
+            Self::Ridges => low(3.0),
+            _ => Vec3::new(0.55, 0.65, 0.2),
+        };
+        to_sun.normalize()
     }
 
     /// Of its pictures (pixels).
@@ -62,11 +82,6 @@ impl Case {
             _ => UVec2::new(256, 192),
         }
     }
-}
-
-/// Unit vector to the sun of all cases: from the right, a little behind the camera.
-pub(super) fn to_sun() -> Vec3 {
-    Vec3::new(0.55, 0.65, 0.2).normalize()
 }
 
 /// A case before a camera.
@@ -95,7 +110,7 @@ fn furnish(mut headless: Headless, case: Case, size: UVec2, shadows: impl Bundle
                 ..default()
             },
             shadows,
-            Transform::default().looking_to(-to_sun(), Vec3::Y),
+            Transform::default().looking_to(-case.to_sun(), Vec3::Y),
         ))
         .id();
     let camera = world
@@ -106,20 +121,22 @@ fn furnish(mut headless: Headless, case: Case, size: UVec2, shadows: impl Bundle
 
 fn build(world: &mut World, case: Case) {
     let mut scene = Scene::new(world);
-    if !matches!(case, Case::Slopes | Case::Waves) {
+    let to_sun = case.to_sun();
+    let is_ground = matches!(case, Case::Waves | Case::Ridges | Case::Roofs);
+    if case != Case::Slopes && !is_ground {
         let ground = Plane3d::default().mesh().size(300.0, 300.0).build();
         scene.add(ground, Transform::default());
     }
     match case {
         Case::Slopes => {
-            let toward_eye = Vec3::Z.reject_from_normalized(to_sun()).normalize();
+            let toward_eye = Vec3::Z.reject_from_normalized(to_sun).normalize();
             for (row, (side, distance)) in [(0.5, 6.0), (5.0, 70.0)].into_iter().enumerate() {
                 for (column, degrees) in [0.0, 20.0, 45.0, 60.0, 75.0, 85.0, 89.0_f32]
                     .into_iter()
                     .enumerate()
                 {
                     let angle = degrees.to_radians();
-                    let normal = to_sun() * angle.cos() + toward_eye * angle.sin();
+                    let normal = to_sun * angle.cos() + toward_eye * angle.sin();
                     let at = Vec3::new(
                         1.6 * side * (column as f32 - 3.0),
                         side * (2.0 - 4.0 * row as f32),
@@ -138,7 +155,8 @@ fn build(world: &mut World, case: Case) {
                 scene.add(ball.clone(), Transform::from_translation(at));
             }
         }
-        Case::Waves => scene.add(waves(), Transform::default()),
+        Case::Waves | Case::Ridges => scene.add(waves(), Transform::default()),
+        Case::Roofs => scene.add(tiles(), Transform::default()),
         Case::Walls => {
             let wall = Cuboid::new(2.0, 1.5, 0.02).mesh().build();
             for i in 0..7 {
@@ -258,4 +276,34 @@ fn waves() -> Mesh {
     .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
     .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, normals)
     .with_inserted_indices(bevy::mesh::Indices::U32(indices))
+}
+
+/// Rows of tiles along z, each higher on its left than the one before it on its right.
+fn tiles() -> Mesh {
+    const ROWS: usize = 80;
+    const LENGTH: f32 = 0.3;
+    const STEP: f32 = 0.05;
+    let rows = (0..ROWS).flat_map(|row| {
+        let left = (row as f32 - ROWS as f32 / 2.0) * LENGTH;
+        // The riser, then the tile.
+        let profile = [
+            [left, 0.0],
+            [left, STEP],
+            [left, STEP],
+            [left + LENGTH, 0.0],
+        ];
+        profile.map(|[x, y]| [[x, y, 6.0], [x, y, -60.0]])
+    });
+    let positions: Vec<[f32; 3]> = rows.flatten().collect();
+    let indices = (0..2 * ROWS as u32)
+        .flat_map(|quad| [0, 2, 1, 1, 2, 3].map(|corner| 4 * quad + corner))
+        .collect();
+    Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    )
+    .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
+    .with_inserted_indices(bevy::mesh::Indices::U32(indices))
+    .with_duplicated_vertices()
+    .with_computed_flat_normals()
 }

@@ -4,7 +4,6 @@ use bevy::math::{DMat2, DVec2, DVec3};
 use bevy_pssm::geometry::bias::{MapDerivatives, automatic};
 
 use super::{
-    cases::to_sun,
     maps::{Map, maps_of},
     run::View,
     studio::Studio,
@@ -33,7 +32,7 @@ impl Studio {
     ) -> (BiasFaults, Vec<bool>) {
         let maps = self.maps();
         let truth = &view.truth;
-        let to_sun = to_sun().as_dvec3();
+        let to_sun = self.sun_direction();
         let [mut lit, mut stained, mut dark, mut leaking] = [0_usize; 4];
         let mut gap = 0.0;
         let mut marks = vec![false; shares.len()];
@@ -75,7 +74,7 @@ impl Studio {
         (faults, marks)
     }
 
-    /// The automatic bias towards the light that a pixel should have (texels), and the texels
+    /// The most that the automatic bias of a pixel should come to (texels), and the texels
     /// that it spans where they are fewest; `None` where two cascades are mixed, or the pixel and
     /// its neighbors are not of one triangle.
     pub fn expected_lookup(&mut self, view: &View, pixel: usize) -> Option<[f64; 2]> {
@@ -94,7 +93,7 @@ impl Studio {
             return None;
         }
         let derivatives = MapDerivatives::at(&map.clip_from_world, here.point)?;
-        let to_sun = to_sun().as_dvec3();
+        let to_sun = self.sun_direction();
         let bias = automatic(
             &map.clip_from_world,
             here.point,
@@ -115,7 +114,8 @@ impl Studio {
             squares.determinant(),
         );
         let fewest = half_trace - (half_trace * half_trace - determinant).max(0.0).sqrt();
-        Some([bias.depth / per_meter / texel, fewest.max(0.0).sqrt()])
+        let most = bias.most() + bias.rounding;
+        Some([most / per_meter / texel, fewest.max(0.0).sqrt()])
     }
 
     /// Width of the penumbra at the edge of [`Case::Slab`](super::cases::Case::Slab)'s shadow, mean over a range of view
