@@ -26,6 +26,7 @@
 //!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`, `CascadesFrusta`
 //!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
+//! - [`CameraCut`] says that a view has jumped, and [`ShadowGridOrigin`] that the world has moved.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
@@ -68,7 +69,9 @@ pub use render::PssmRenderSystems;
 #[doc(inline)]
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
-pub use systems::{CascadeRange, CasterCascades, PssmSystems, ShadowPlans};
+pub use systems::{
+    CameraCut, CascadeRange, CasterCascades, PssmSystems, ShadowGridOrigin, ShadowPlans,
+};
 
 use bevy::{
     app::{App, Plugin},
@@ -79,9 +82,10 @@ use bevy::{
 pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
-        CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, DepthDistribution,
-        FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, PssmPlugin, ShaderFeatures,
-        ShadowBias, ShadowFilter, ShadowFocus, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
+        CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison,
+        DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows,
+        PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus, ShadowGridOrigin,
+        ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
     };
 }
 
@@ -102,6 +106,7 @@ impl Plugin for PssmPlugin {
             .register_type::<ShadowPreset>()
             .register_type::<ShadowOverlay>()
             .register_type::<ShaderFeatures>()
+            .register_type::<ShadowGridOrigin>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
             .register_asset_loader(loader);

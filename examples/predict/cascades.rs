@@ -6,6 +6,7 @@ use bevy_pssm::{
     geometry::{
         aliasing::Aliasing,
         fit,
+        hysteresis::Slack,
         light_frame::LightFrame,
         slice::{BodyVertex, Slice, ViewVolume},
         warp::WarpFrame,
@@ -138,7 +139,13 @@ impl Setup {
                     &ParallelSplitShadows::default(),
                     &DirectionalLight::default(),
                 );
-                let map = fit::stable(slice, &light, UVec2::splat(self.map_size), reach);
+                let map = fit::stable(
+                    slice,
+                    &light,
+                    UVec2::splat(self.map_size),
+                    reach,
+                    Slack(0.0),
+                );
                 Some(Map {
                     clip_from_world: map.clip_from_world(&light),
                     axes: [light.x, light.y],

@@ -11,7 +11,7 @@ use super::{
 /// An orthographic map: a box in the light's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapBox {
-    /// Center in the light's frame (meters; origin at the world's).
+    /// Center in the light's frame (meters).
     pub center: DVec3,
     /// Half the box's extents in the light's frame (meters).
     pub half: DVec3,
@@ -30,14 +30,23 @@ pub struct LookupReach {
 /// No map is thinner than this (meters): an extent is never divided by raw.
 const MIN_EXTENT: f64 = 1e-6;
 
-/// A map that moves in whole texels and never changes its size or orientation.
+/// A map that moves in whole texels and changes neither its size nor its orientation as the view
+/// moves and turns.
 ///
-/// The slice's bounding sphere fixes the size; the center is rounded to the texel grid of the
-/// light's own frame, anchored at the world's origin. What lookups reach beyond the slice stays
-/// inside the map. (NVIDIA 2007; sphere and guard as in Valient 2008.)
-pub fn stable(slice: &Slice, light: &LightFrame, map_size: UVec2, reach: LookupReach) -> MapBox {
+/// The slice's bounding sphere, rounded up by `slack` so that zooms change it in steps, fixes the
+/// size; the center is rounded to the texel grid of the light's own frame, anchored at its origin.
+/// What lookups reach beyond the slice stays inside the map. (NVIDIA 2007; sphere and guard as in
+/// Valient 2008.)
+pub fn stable(
+    slice: &Slice,
+    light: &LightFrame,
+    map_size: UVec2,
+    reach: LookupReach,
+    slack: Slack,
+) -> MapBox {
     let size = map_size.as_dvec2();
-    let half = slice.radius.max(MIN_EXTENT) * size / usable(size, 1.0 + 2.0 * reach.texels);
+    let half = slack.round_up_at_once(slice.radius.max(MIN_EXTENT)) * size
+        / usable(size, 1.0 + 2.0 * reach.texels);
     let texel = 2.0 * half / size;
     let depth = half.max_element() + reach.texels * texel.max_element();
     MapBox {
@@ -102,7 +111,9 @@ impl MapBox {
     /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]
     /// with 1 at the light's side (reverse z), w = 1.
     pub fn clip_from_world(&self, light: &LightFrame) -> DMat4 {
-        let row = |axis: DVec3, center: f64, half: f64| (axis / half).extend(-center / half);
+        let row = |axis: DVec3, center: f64, half: f64| {
+            (axis / half).extend(-(center + axis.dot(light.origin)) / half)
+        };
         let x = row(light.x, self.center.x, self.half.x);
         let y = row(light.y, self.center.y, self.half.y);
         let z = row(light.z, self.center.z, self.half.z) * 0.5 + DVec4::new(0.0, 0.0, 0.0, 0.5);
@@ -113,7 +124,7 @@ impl MapBox {
     /// face.
     pub fn world_from_cascade(&self, light: &LightFrame) -> DMat4 {
         let rotation = light.world_from_light();
-        let origin = rotation * (self.center + DVec3::Z * self.half.z);
+        let origin = light.origin + rotation * (self.center + DVec3::Z * self.half.z);
         DMat4::from_mat3_translation(rotation, origin)
     }
 }

@@ -1,5 +1,5 @@
 //! Hysteresis for sizes that would change with every frame: they grow at once, shrink after a
-//! delay, and both in steps.
+//! delay or when they are much too large, and all in steps.
 
 /// How much larger than needed something may be, as a share; 0 for not at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,14 +16,23 @@ pub struct Kept<T> {
 /// Frames for which something must have been too large before it shrinks: half a second at 60 per second.
 pub const SHRINK_DELAY: u32 = 30;
 
+/// Steps by which what is held may be too large at most, whatever moves: beyond, it shrinks at once.
+pub const MOST_STEPS: f64 = 4.0;
+
 /// Steps are powers and multiples of floating-point numbers, and compared with such.
 const ROUNDING: f64 = 1e-9;
 
 impl Slack {
     /// A length that is at least as long as needed (meters): a whole power of `1 + slack`. One that
-    /// is held stays until it is too short, or has been two steps too long for a while.
+    /// is held stays until it is too short, much too long, or has been two steps too long for a while.
     pub fn round_up(self, needed: f64, kept: &mut Kept<f64>) -> f64 {
         self.power(needed, kept, 1.0)
+    }
+
+    /// The least whole power of the root of `1 + slack` that is at least as long as needed (meters).
+    pub fn round_up_at_once(self, needed: f64) -> f64 {
+        let finer = Self((1.0 + self.0).sqrt() - 1.0);
+        finer.power(needed, &mut Kept::default(), 1.0)
     }
 
     /// As [`Slack::round_up`], for a length that must not be longer than needed.
@@ -42,12 +51,13 @@ impl Slack {
         kept.update(
             rounded,
             |value| side * (value / needed).ln() >= -ROUNDING,
-            |value| too_large(value) <= step.ln() + ROUNDING,
+            |value| too_large(value) / step.ln() - ROUNDING,
         )
     }
 
     /// An interval that holds the one needed (meters), its ends multiples of `slack · scale`. One
-    /// that is held stays until it is too narrow, or has been two steps too wide for a while.
+    /// that is held stays until it is too narrow, much too wide, or has been two steps too wide for a
+    /// while.
     pub fn interval(self, needed: [f64; 2], scale: f64, kept: &mut Kept<[f64; 2]>) -> [f64; 2] {
         let step = self.0 * scale;
         if self.0 <= ROUNDING || step <= 0.0 || !step.is_finite() {
@@ -64,26 +74,37 @@ impl Slack {
             },
             |value| {
                 let [low, high] = in_steps(value);
-                low >= rounded[0] - 1.0 - ROUNDING && high <= rounded[1] + 1.0 + ROUNDING
+                (rounded[0] - low).max(high - rounded[1]) - ROUNDING
             },
         )
     }
 }
 
 impl<T: Copy> Kept<T> {
-    /// What is held, or else what is `needed`.
-    fn update(&mut self, needed: T, suffices: impl Fn(T) -> bool, fits: impl Fn(T) -> bool) -> T {
+    /// What is held, or else what is `needed`. `steps_too_large`: by how many steps a value is.
+    fn update(
+        &mut self,
+        needed: T,
+        suffices: impl Fn(T) -> bool,
+        steps_too_large: impl Fn(T) -> f64,
+    ) -> T {
         let sufficient = self.value.filter(|value| suffices(*value));
-        match sufficient {
-            Some(value) if fits(value) => self.frames_too_large = 0,
-            Some(_) if self.frames_too_large < SHRINK_DELAY => self.frames_too_large += 1,
+        match sufficient.map(|value| (value, steps_too_large(value))) {
+            Some((value, steps)) if steps <= 1.0 => {
+                self.frames_too_large = 0;
+                value
+            }
+            Some((value, steps)) if steps <= MOST_STEPS && self.frames_too_large < SHRINK_DELAY => {
+                self.frames_too_large += 1;
+                value
+            }
             _ => {
                 *self = Self {
                     value: Some(needed),
                     frames_too_large: 0,
                 };
+                needed
             }
         }
-        self.value.unwrap_or(needed)
     }
 }

@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-/// An orthonormal, right-handed frame that depends on the light's direction and nothing else.
+/// An orthonormal, right-handed frame that depends on the light's direction and an origin, and on
+/// nothing else.
 ///
 /// `z` points *to* the light. Were the frame to turn with the camera, texels would turn with it
 /// and every shadow edge would crawl; tying it to the light alone is what makes snapping stable.
@@ -14,11 +15,13 @@ pub struct LightFrame {
     pub y: DVec3,
     /// Unit vector from the scene to the light, in world space.
     pub z: DVec3,
+    /// Where texel grids are anchored, in world space.
+    pub origin: DVec3,
 }
 
 impl LightFrame {
     /// The frame of a light that lies in direction `to_light`; `None` if that has no direction
-    /// (zero, infinite or not a number).
+    /// (zero, infinite or not a number). Its origin is the world's.
     pub fn new(to_light: DVec3) -> Option<Self> {
         let z = to_light.try_normalize()?;
         let helper = if z.y.abs() > 0.999 {
@@ -31,11 +34,18 @@ impl LightFrame {
             x,
             y: z.cross(x),
             z,
+            origin: DVec3::ZERO,
         })
     }
 
-    /// Coordinates of a world-space point in the light's frame (meters; origin at the world's).
+    /// The same with another origin, in world space.
+    pub fn at(self, origin: DVec3) -> Self {
+        Self { origin, ..self }
+    }
+
+    /// Coordinates of a world-space point in the light's frame (meters).
     pub fn light_from_world(&self, point: DVec3) -> DVec3 {
+        let point = point - self.origin;
         DVec3::new(self.x.dot(point), self.y.dot(point), self.z.dot(point))
     }
 

@@ -3,15 +3,23 @@
 use glam::UVec2;
 
 use super::{
-    CascadeHistory, PlanInputs, layout::Layout, map, size::even_size, volume::CascadeVolume,
+    CascadeHistory, PlanInputs,
+    layout::{Layout, follows_receivers, is_focused},
+    map,
+    size::even_size,
+    volume::CascadeVolume,
 };
 use crate::{
-    config::{CascadeFit, MAX_CASCADES, MapFit, SplitScheme},
+    config::{CascadeFit, MAX_CASCADES, MapFit, MapWarp, SplitScheme},
     geometry::hysteresis::Slack,
 };
 
 /// Pixels across a texel; finer is not sharper.
 const FINE_ENOUGH: f64 = 0.5;
+
+/// A tight map takes a warped one's place if its texels are so many times smaller, and gives it back
+/// when they are no smaller.
+const CLEARLY: f64 = 1.25;
 
 /// A choice is kept until another is better by so much.
 const HOLD: f64 = 1.1;
@@ -33,6 +41,29 @@ fn coarseness(inputs: &PlanInputs, volume: &CascadeVolume, fit: MapFit, size: UV
     })
 }
 
+/// The least worst error warps even where a tight map is finer all over, as in streets that run along
+/// the light's axes: the one of the two whose texels are smaller over what is seen, on average.
+fn warped_or_tight(
+    inputs: &PlanInputs,
+    volume: Option<&CascadeVolume>,
+    index: usize,
+    kept: Option<MapFit>,
+) -> MapFit {
+    let warped = MapFit::Warped(MapWarp::Minimax);
+    let kept = kept.unwrap_or(warped);
+    let size = even_size(inputs.config, index);
+    let coarseness = |fit: MapFit| {
+        let (volume, kept) = (volume?, &mut Default::default());
+        let map = map::place(inputs, volume, fit, size, Slack(0.0), kept)?;
+        map.mean_aliasing(inputs, volume)
+    };
+    match (coarseness(warped), coarseness(MapFit::Tight)) {
+        (Some(warp), Some(tight)) if warp > CLEARLY * tight => MapFit::Tight,
+        (Some(warp), Some(tight)) if tight > warp => warped,
+        _ => kept,
+    }
+}
+
 /// The fit of a cascade and, if there was a choice, its coarseness.
 pub(super) fn fit(
     inputs: &PlanInputs,
@@ -42,6 +73,14 @@ pub(super) fn fit(
 ) -> (MapFit, f64) {
     let mut fits = inputs.config.fit.of_cascade(index);
     let first = fits.next().unwrap_or_default();
+    // All of a slice is as the literature has it.
+    let is_rival = matches!(
+        inputs.config.fit,
+        CascadeFit::Warped(_) | CascadeFit::PerCascade(_)
+    );
+    if first == MapFit::Warped(MapWarp::Minimax) && is_rival && is_focused(inputs) {
+        return (warped_or_tight(inputs, volume, index, kept), 0.0);
+    }
     let (CascadeFit::Auto { sharpness }, Some(volume)) = (&inputs.config.fit, volume) else {
         return (kept.unwrap_or(first), 0.0);
     };
@@ -77,11 +116,24 @@ pub(super) fn fit(
     (best.0, best.1)
 }
 
+/// Slices that end at less than so many times the depth at which they begin hold much the same.
+const LEAST_RATIO: f64 = 1.1;
+
+/// Slices that a range of depths is worth.
+fn most_slices(inputs: &PlanInputs, range: [f64; 2]) -> usize {
+    let all = inputs.config.cascades as usize;
+    if !follows_receivers(inputs) {
+        return all;
+    }
+    let worth = (range[1] / range[0]).ln() / LEAST_RATIO.ln();
+    (worth.ceil() as usize).clamp(1, all)
+}
+
 /// How many slices are worth a cascade: the fewest that are predicted to be about as sharp as any
 /// number is.
 pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usize>) -> usize {
     let config = inputs.config;
-    let all = config.cascades as usize;
+    let all = most_slices(inputs, range);
     if config.fit == CascadeFit::Faces {
         // The number of faces changes with the direction of light and view. Once there have been
         // many, slices stay as few as those leave, or shadows would change to and fro.
@@ -107,7 +159,9 @@ pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usi
         good.map_or(all, |index| index + 1)
     };
     match kept {
-        Some(kept) if coarsest[kept - 1] <= HOLD * HOLD * least => kept.min(fewest(HOLD.sqrt())),
+        Some(kept) if kept <= all && coarsest[kept - 1] <= HOLD * HOLD * least => {
+            kept.min(fewest(HOLD.sqrt()))
+        }
         _ => fewest(HOLD),
     }
 }

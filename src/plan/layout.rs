@@ -31,8 +31,11 @@ impl Layout {
         let slices = slices.min(config.cascades as usize / wedges.len().max(1));
         let mut planes = split_planes(&config.splits, range[0], range[1], slices);
         planes.resize(config.cascades as usize + 1, inputs.far());
-        for plane in &mut planes[slices..] {
-            *plane = inputs.far();
+        // The last slice, the first to reach the range's end, reaches farther.
+        for plane in &mut planes[1..] {
+            if *plane >= range[1] {
+                *plane = inputs.far();
+            }
         }
         Self {
             far: inputs.far(),
@@ -162,13 +165,10 @@ const MIN_STABLE_SLACK: f64 = 0.25;
 const MIN_THICKNESS: f64 = 1e-3;
 
 /// The depths between which splits are spread: those at which anything receives shadows.
-pub(super) fn split_range(inputs: &PlanInputs, kept: &mut [Kept<f64>; 2]) -> [f64; 2] {
-    let PlanInputs { view, config, .. } = inputs;
+pub(super) fn split_range(inputs: &PlanInputs, kept: &mut KeptRange) -> [f64; 2] {
+    let PlanInputs { view, .. } = inputs;
     let whole = [inputs.near(), inputs.far()];
-    let chooses = config.fit.chooses();
-    let is_stable = config.fit.any(|fit| fit == MapFit::Stable) && !chooses;
-    let is_fixed = is_stable || matches!(config.splits, SplitScheme::Manual(_));
-    if is_fixed || !is_focused(inputs) {
+    if !follows_receivers(inputs) {
         return whole;
     }
     let Some(slice) = view.slice(whole[0], whole[1]) else {
@@ -181,15 +181,35 @@ pub(super) fn split_range(inputs: &PlanInputs, kept: &mut [Kept<f64>; 2]) -> [f6
         return whole;
     }
     // Where maps may be stable, planes should be, too.
-    let slack = if chooses {
+    let slack = if inputs.config.fit.chooses() {
         Slack(inputs.slack().0.max(MIN_STABLE_SLACK))
     } else {
         inputs.slack()
     };
-    let [kept_near, kept_far] = kept;
-    let range = [
-        slack.round_down(near, kept_near),
-        slack.round_up(far, kept_far),
+    // Shares of depths where those differ much, and of their difference where not.
+    let by_depth = [
+        slack.round_down(near, &mut kept.near),
+        slack.round_up(far, &mut kept.far),
     ];
-    [range[0].max(whole[0]), range[1].min(whole[1])]
+    let thickness = (far - near).log2().ceil().exp2();
+    let by_thickness = slack.interval([near, far], thickness, &mut kept.both);
+    [
+        by_depth[0].max(by_thickness[0]).max(whole[0]),
+        by_depth[1].min(by_thickness[1]).min(whole[1]),
+    ]
+}
+
+/// Whether splits are spread over what is seen.
+pub(super) fn follows_receivers(inputs: &PlanInputs) -> bool {
+    let config = inputs.config;
+    let is_stable = config.fit.any(|fit| fit == MapFit::Stable) && !config.fit.chooses();
+    is_focused(inputs) && !is_stable && !matches!(config.splits, SplitScheme::Manual(_))
+}
+
+/// A range of depths that is kept from frame to frame.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub(super) struct KeptRange {
+    near: Kept<f64>,
+    far: Kept<f64>,
+    both: Kept<[f64; 2]>,
 }

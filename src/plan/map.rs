@@ -52,7 +52,7 @@ pub(super) fn place(
         strength: 0.0,
     };
     Some(match fit {
-        MapFit::Stable => in_light(fit::stable(&volume.slice, light, map_size, reach)),
+        MapFit::Stable => in_light(fit::stable(&volume.slice, light, map_size, reach, slack)),
         MapFit::Tight => {
             let points = &volume.body.corners;
             in_light(fit::tight(points, light, map_size, reach, slack, kept))
@@ -82,6 +82,19 @@ impl PlacedMap {
     pub fn aliasing(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<Aliasing> {
         let vertices = volume.seen().vertices(inputs.view);
         Aliasing::over(&self.clip_from_world, self.axes, &vertices)
+    }
+
+    /// Geometric mean over the vertices of what is seen, of a square texel. `None` where the map has no
+    /// image of one.
+    pub fn mean_aliasing(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<f64> {
+        let vertices = volume.seen().vertices(inputs.view);
+        let logarithms = vertices.iter().map(|vertex| {
+            let vertex = core::slice::from_ref(vertex);
+            let aliasing = Aliasing::over(&self.clip_from_world, self.axes, vertex)?;
+            Some(0.5 * aliasing.storage().ln())
+        });
+        let sum: f64 = logarithms.sum::<Option<f64>>()?;
+        Some((sum / vertices.len().max(1) as f64).exp())
     }
 
     /// What the renderer and the culling need of a map. `None` if it has no extent.

@@ -2,6 +2,7 @@
 //! function, no ECS, that calls [`geometry`](crate::geometry) in order.
 
 mod choose;
+mod cut;
 mod layout;
 mod lookup;
 mod map;
@@ -30,7 +31,7 @@ use crate::{
     },
 };
 
-use layout::Layout;
+use layout::{KeptRange, Layout};
 
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
@@ -125,11 +126,26 @@ impl PlanInputs<'_> {
 pub struct PlanHistory {
     /// What it was made with: another configuration starts anew.
     config: Option<ParallelSplitShadows>,
-    /// Depths between which splits are spread.
-    range: [Kept<f64>; 2],
+    /// The view that it was last made for, from the grids' origin.
+    view: Option<ViewVolume>,
+    /// Depths between which splits are spread, and what is held of them.
+    range: Option<[f64; 2]>,
+    kept_range: KeptRange,
     /// Slices in use.
     slices: Option<usize>,
     cascades: [CascadeHistory; MAX_CASCADES],
+}
+
+impl PlanHistory {
+    /// Holds on to nothing: the next plan is made as the first was.
+    pub fn forget(&mut self) {
+        let (config, view) = (self.config.take(), self.view);
+        *self = Self {
+            config,
+            view,
+            ..Self::default()
+        };
+    }
 }
 
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
@@ -145,6 +161,16 @@ struct CascadeHistory {
     size: [Kept<f64>; 2],
 }
 
+impl CascadeHistory {
+    fn of_another_slice(self) -> Self {
+        Self {
+            fit: self.fit,
+            size: self.size,
+            ..Self::default()
+        }
+    }
+}
+
 /// Plans all cascades of a light for a view.
 pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
     let config = inputs.config;
@@ -154,13 +180,31 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
             ..PlanHistory::default()
         };
     }
-    let range = layout::split_range(inputs, &mut history.range);
+    let view = cut::relative_to(inputs.view, inputs.light.origin);
+    if history
+        .view
+        .replace(view)
+        .is_some_and(|last| cut::is_cut(inputs, &last, &view))
+    {
+        history.forget();
+    }
+    let range = layout::split_range(inputs, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices);
     let layout = Layout::new(inputs, range, slices);
+    // Cascades of other slices have nothing to hold on to.
+    let is_same = history.range.replace(range) == Some(range) && history.slices == Some(slices);
+    if !is_same {
+        history.cascades = history.cascades.map(CascadeHistory::of_another_slice);
+    }
     history.slices = Some(layout.slices());
 
     let kept = &mut history.cascades;
     let volumes = layout.volumes(inputs, kept);
+    for (volume, kept) in volumes.iter().zip(kept.iter_mut()) {
+        if volume.is_none() {
+            *kept = kept.of_another_slice();
+        }
+    }
     let fits: Vec<_> = volumes
         .iter()
         .enumerate()

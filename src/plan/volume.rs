@@ -7,7 +7,6 @@ use crate::geometry::{
     body::ConvexBody,
     face::Wedge,
     half_space::HalfSpace,
-    hysteresis::Slack,
     receivers::Extent,
     slice::{Depth, Slice},
 };
@@ -51,7 +50,7 @@ impl CascadeVolume {
         if found.is_empty() {
             return None;
         }
-        let found = kept_extent(found, inputs.slack(), self.slice.radius, history);
+        let found = kept_extent(inputs, found, self.slice.radius, history);
         self.clipped(&found.planes(&Depth::new(inputs.view)))
     }
 
@@ -83,12 +82,19 @@ impl CascadeVolume {
 /// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
 const MIN_THICKNESS: f64 = 1e-4;
 
-fn kept_extent(found: Extent, slack: Slack, radius: f64, history: &mut CascadeHistory) -> Extent {
+fn kept_extent(
+    inputs: &PlanInputs,
+    found: Extent,
+    radius: f64,
+    history: &mut CascadeHistory,
+) -> Extent {
+    let (slack, origin) = (inputs.slack(), inputs.light.origin);
     let pad = DVec4::splat(MIN_THICKNESS * radius);
     let [lo, hi] = [found.lo - pad, found.hi + pad];
     let [x, y, z] = [0, 1, 2].map(|axis| {
-        let needed = [lo[axis], hi[axis]];
-        slack.interval(needed, radius, &mut history.bounds[axis])
+        let needed = [lo[axis], hi[axis]].map(|end| end - origin[axis]);
+        let kept = slack.interval(needed, radius, &mut history.bounds[axis]);
+        kept.map(|end| end + origin[axis])
     });
     let [near, far] = &mut history.depths;
     Extent {

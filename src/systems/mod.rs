@@ -11,7 +11,7 @@ pub use cull::{CascadeRange, CasterCascades, cull_casters};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use mesh_boxes::MeshBoxes;
-pub use plan::{ShadowPlans, plan_shadows};
+pub use plan::{CameraCut, ShadowGridOrigin, ShadowPlans, plan_shadows};
 pub(crate) use publish::empty_cascade;
 
 use bevy::{
@@ -46,7 +46,8 @@ pub enum PssmSystems {
 }
 
 pub(crate) fn build(app: &mut App) {
-    app.init_resource::<MeshBoxes>();
+    app.init_resource::<MeshBoxes>()
+        .init_resource::<ShadowGridOrigin>();
     app.register_required_components::<ParallelSplitShadows, ManagedLight>();
     app.register_required_components::<ShadowPreset, AppliedPreset>();
     app.configure_sets(
@@ -91,6 +92,7 @@ pub(crate) fn build(app: &mut App) {
             cull_casters.in_set(PssmSystems::CullCasters),
         ),
     )
+    .add_observer(plan::forget_cut_view)
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)
     .add_observer(manage::restore_built_in);

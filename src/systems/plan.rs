@@ -13,13 +13,18 @@ use bevy::{
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap},
+        event::EntityEvent,
+        observer::On,
         query::{Has, QueryData, With},
+        reflect::ReflectResource,
+        resource::Resource,
         system::{Local, Query, Res, ResMut},
     },
     light::{Cascades, DirectionalLight, VolumetricFog, VolumetricLight},
     log::warn,
     math::DVec3,
     mesh::{Mesh, Mesh3d},
+    reflect::{Reflect, std_traits::ReflectDefault},
     transform::components::GlobalTransform,
 };
 
@@ -39,6 +44,38 @@ pub struct ShadowPlans {
     /// By camera.
     pub views: EntityHashMap<Vec<CascadePlan>>,
     history: EntityHashMap<PlanHistory>,
+}
+
+/// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
+/// camera saw before. Turns by more than ten degrees from frame to frame, moves by more than half the
+/// first cascade's depth and zooms by more than a quarter are taken for cuts without it.
+///
+/// ```
+/// # use bevy::prelude::*;
+/// # use bevy_pssm::prelude::*;
+/// fn cut(mut commands: Commands, camera: Single<Entity, With<Camera3d>>) {
+///     commands.trigger(CameraCut { entity: *camera });
+/// }
+/// ```
+#[derive(EntityEvent, Debug, Clone, Copy)]
+pub struct CameraCut {
+    /// The camera.
+    pub entity: Entity,
+}
+
+/// The point in world space on which texel grids are anchored (meters).
+///
+/// A game with a floating origin, which moves its whole world by an offset now and then, adds the same
+/// offset here: then no texel moves, as exactly as the offset can be represented.
+#[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq)]
+#[reflect(Resource, Default, Debug, Clone, PartialEq)]
+pub struct ShadowGridOrigin(pub DVec3);
+
+/// Forgets what was held for a camera.
+pub(super) fn forget_cut_view(cut: On<CameraCut>, mut lights: Query<&mut ShadowPlans>) {
+    for mut plans in &mut lights {
+        plans.history.remove(&cut.entity);
+    }
 }
 
 #[derive(QueryData)]
@@ -81,6 +118,7 @@ pub fn plan_shadows(
     mut lights: Query<PlannedLight>,
     assets: Option<Res<Assets<Mesh>>>,
     mut parts: ResMut<MeshBoxes>,
+    origin: Res<ShadowGridOrigin>,
     mut warned: Local<bool>,
 ) {
     let configs = || lights.iter().filter_map(|it| it.managed.config());
@@ -115,7 +153,13 @@ pub fn plan_shadows(
         it.cascades.cascades.clear();
         it.frusta.frusta.clear();
 
+        let origin = if origin.0.is_finite() {
+            origin.0
+        } else {
+            DVec3::ZERO
+        };
         let frame = LightFrame::new(it.transform.rotation().as_dquat() * DVec3::Z);
+        let frame = frame.map(|frame| frame.at(origin));
         let mut is_degenerate = frame.is_none();
         let ShadowPlans {
             views: planned,

@@ -6,6 +6,7 @@ use bevy_pssm::geometry::{
         BEND_RECIPROCAL, MapDerivatives, STEEPEST_SLOPE, TEXEL_ROUNDING, WALL_SLOPE, automatic,
     },
     fit::{self, LookupReach},
+    hysteresis::Slack,
     light_frame::LightFrame,
     slice::ViewVolume,
     warp::WarpFrame,
@@ -36,6 +37,7 @@ fn map(eye: DVec3, to_light: DVec3, warp: f64) -> DMat4 {
             &light,
             UVec2::splat(512),
             LookupReach { texels: 5.0 },
+            Slack(0.0),
         );
         return map.clip_from_world(&light);
     }

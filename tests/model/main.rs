@@ -12,6 +12,7 @@ mod culling;
 mod fitted;
 mod layers;
 mod lights;
+mod motion;
 mod predict;
 mod presets;
 mod receivers;

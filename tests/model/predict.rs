@@ -68,6 +68,7 @@ fn stable_predictions_equal_the_plans() {
     let config = ParallelSplitShadows {
         far: 300.0,
         blend: 0.0,
+        slack: 0.0,
         map_size: MapSize::Same(1024),
         ..Default::default()
     };

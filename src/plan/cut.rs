@@ -1,0 +1,40 @@
+//! Whether the view has jumped since the last plan: then nothing is worth holding on to.
+
+use glam::DVec3;
+
+use super::{PlanInputs, split::split_planes};
+use crate::geometry::slice::ViewVolume;
+
+/// Faster turns are cuts (cosine of ten degrees from frame to frame).
+const LEAST_COSINE: f64 = 0.984_807_753;
+
+/// Faster moves are cuts (share of the first slice's depth from frame to frame).
+const MOST_MOVE: f64 = 0.5;
+
+/// Faster zooms are cuts (times from frame to frame).
+const MOST_ZOOM: f64 = 1.25;
+
+/// The same view from another origin.
+pub(super) fn relative_to(view: &ViewVolume, origin: DVec3) -> ViewVolume {
+    ViewVolume {
+        eye: view.eye - origin,
+        ..*view
+    }
+}
+
+/// Whether one view follows on the other by a cut. Both from the grids' origin.
+pub(super) fn is_cut(inputs: &PlanInputs, last: &ViewVolume, view: &ViewVolume) -> bool {
+    let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
+        return true;
+    };
+    let cascades = inputs.config.cascades as usize;
+    let planes = split_planes(&inputs.config.splits, inputs.near(), inputs.far(), cascades);
+    let depth = planes[1];
+    let zoom = (view.image_height(depth) / last.image_height(depth))
+        .ln()
+        .abs();
+    before.dot(now) < LEAST_COSINE
+        || last.eye.distance(view.eye) > MOST_MOVE * depth
+        || zoom.is_nan()
+        || zoom > MOST_ZOOM.ln()
+}

@@ -1,0 +1,301 @@
+//! Fits over time: cuts, turns, zooms, and worlds that are moved.
+
+use bevy::math::{DVec3, Quat};
+use bevy_pssm::{
+    geometry::{
+        fit::LookupReach, light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers,
+    },
+    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
+    prelude::*,
+};
+use glam::DMat3;
+
+use crate::views::{perspective, volume};
+
+/// A camera over wide ground.
+#[derive(Clone, Copy)]
+struct Shot {
+    eye: DVec3,
+    pitch: f32,
+    yaw: f32,
+    fov: f32,
+    aspect: f32,
+    /// Half the ground's sides (meters).
+    ground: f64,
+}
+
+const STANDING: Shot = Shot {
+    eye: DVec3::new(0.0, 1.7, 0.0),
+    pitch: 0.0,
+    yaw: 0.0,
+    fov: 0.8,
+    aspect: 1.6,
+    ground: 900.0,
+};
+
+impl Shot {
+    fn plan(
+        &self,
+        config: &ParallelSplitShadows,
+        origin: DVec3,
+        history: &mut PlanHistory,
+    ) -> Vec<CascadePlan> {
+        let turn = Quat::from_rotation_y(self.yaw) * Quat::from_rotation_x(self.pitch);
+        let lens = perspective(self.fov, self.aspect);
+        let view = volume(&lens, (self.eye + origin).as_vec3(), turn);
+        let mut receivers = Receivers::new(&view);
+        receivers.add(&OrientedBox {
+            center: origin,
+            half_axes: DMat3::from_diagonal(DVec3::new(self.ground, 0.1, self.ground)),
+        });
+        let to_light = DVec3::new(0.3, 0.7, -0.45);
+        let inputs = PlanInputs {
+            view: &view,
+            light: &LightFrame::new(to_light).expect("a direction").at(origin),
+            config,
+            reach: LookupReach { texels: 3.0 },
+            receivers: &receivers,
+            image_height: 1080.0,
+        };
+        plan_cascades(&inputs, history)
+    }
+
+    fn fresh(&self, config: &ParallelSplitShadows) -> Vec<CascadePlan> {
+        self.plan(config, DVec3::ZERO, &mut PlanHistory::default())
+    }
+}
+
+fn with(fit: CascadeFit) -> ParallelSplitShadows {
+    ParallelSplitShadows {
+        fit,
+        ..Default::default()
+    }
+}
+
+fn fits() -> [CascadeFit; 4] {
+    [
+        CascadeFit::Stable,
+        CascadeFit::Tight,
+        CascadeFit::Warped(MapWarp::Minimax),
+        CascadeFit::Auto { sharpness: 1.0 },
+    ]
+}
+
+const AT_FEET: Shot = Shot {
+    pitch: -1.5,
+    ..STANDING
+};
+
+/// After a cut the plan is at once what it would be had there been nothing before.
+#[test]
+fn a_cut_holds_on_to_nothing() {
+    let moved = Shot {
+        eye: DVec3::new(300.0, 40.0, -200.0),
+        ..STANDING
+    };
+    let zoomed = Shot {
+        fov: 0.3,
+        ..STANDING
+    };
+    for fit in fits() {
+        let config = with(fit);
+        for next in [AT_FEET, moved, zoomed] {
+            let mut history = PlanHistory::default();
+            for _ in 0..60 {
+                STANDING.plan(&config, DVec3::ZERO, &mut history);
+            }
+            let fresh = next.fresh(&config);
+            for frame in 0..90 {
+                let plans = next.plan(&config, DVec3::ZERO, &mut history);
+                assert!(plans == fresh, "{:?}: frame {frame}", config.fit);
+            }
+        }
+    }
+}
+
+/// The largest side of each map's texels, where there is one (meters).
+fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
+    let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel.max_element());
+    plans.iter().map(texel).collect()
+}
+
+/// While the camera turns from the horizon to its feet within a second, no map is much coarser
+/// than a fresh one, and nothing is left to wait for at the end.
+#[test]
+fn turning_leaves_no_coarse_maps_behind() {
+    for fit in fits() {
+        let config = with(fit.clone());
+        let mut history = PlanHistory::default();
+        let mut worst: f64 = 1.0;
+        for frame in 0..90 {
+            let share = f32::min(frame as f32 / 60.0, 1.0);
+            let shot = Shot {
+                pitch: share * AT_FEET.pitch,
+                ..STANDING
+            };
+            let held = finest(&shot.plan(&config, DVec3::ZERO, &mut history));
+            worst = worst.max(held / finest(&shot.fresh(&config)));
+        }
+        assert!(worst < 2.0, "{fit:?}: {worst}");
+    }
+}
+
+/// Of the map that is for the ground nearest to the eye's axis (meters).
+fn finest(plans: &[CascadePlan]) -> f64 {
+    texels(plans)
+        .into_iter()
+        .flatten()
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// A zoom changes a stable map's texels now and then, not with every frame.
+#[test]
+fn zooms_change_stable_maps_in_steps() {
+    let changes = |slack| {
+        let config = ParallelSplitShadows {
+            slack,
+            ..Default::default()
+        };
+        let mut history = PlanHistory::default();
+        let mut changes = 0;
+        let mut before = None;
+        for step in 0..100 {
+            let shot = Shot {
+                fov: 0.8 - 0.004 * step as f32,
+                ..STANDING
+            };
+            let now = texels(&shot.plan(&config, DVec3::ZERO, &mut history));
+            if let Some(before) = before.replace(now.clone()) {
+                changes += now.iter().zip(&before).filter(|(a, b)| a != b).count();
+            }
+        }
+        changes
+    };
+    let [none, some] = [0.0, 0.1].map(changes);
+    assert!(none > 390, "{none} of 396");
+    assert!(some < 80, "{some} of 396");
+}
+
+/// Where split planes fall together at the end of what is seen, shadows do not fade before it.
+#[test]
+fn planes_that_fall_together_fade_nothing() {
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Tight,
+        splits: SplitScheme::GeometricScaled {
+            gamma: 3.0,
+            bias: 20.0,
+        },
+        ..Default::default()
+    };
+    let small = Shot {
+        pitch: -0.05,
+        ground: 60.0,
+        ..STANDING
+    };
+    let plans = small.fresh(&config);
+    let last = plans.iter().rfind(|plan| plan.map.is_some());
+    let last = last.expect("the ground is seen");
+    assert!(last.far == 500.0 && last.blend_start > 60.0, "{last:?}");
+}
+
+/// Looking down on flat ground, maps are not spent on what lies before and behind it.
+#[test]
+fn what_is_seen_from_above_gets_the_maps() {
+    let above = Shot {
+        eye: DVec3::new(0.0, 60.0, 0.0),
+        pitch: -1.2,
+        ..STANDING
+    };
+    let plans = above.fresh(&with(CascadeFit::Tight));
+    // Depths from 48 to 79 m are seen.
+    let inner: Vec<f64> = plans[..3].iter().map(|plan| plan.far).collect();
+    assert!(
+        inner.iter().all(|far| (48.0..79.0).contains(far)),
+        "{inner:?}"
+    );
+    assert!(plans.iter().all(|plan| plan.map.is_some()));
+}
+
+/// A world that is moved, grids and all, looks the same to the texel.
+#[test]
+fn a_moved_world_moves_no_texel() {
+    for fit in fits() {
+        let config = with(fit.clone());
+        let mut history = PlanHistory::default();
+        for step in 0..120 {
+            // Away from the origin, until the world is moved back.
+            let walked = DVec3::new(0.04 * f64::from(step), 0.0, 0.02 * f64::from(step));
+            let shot = Shot {
+                eye: STANDING.eye + walked,
+                pitch: -0.2,
+                ..STANDING
+            };
+            let origin = if step < 60 {
+                DVec3::ZERO
+            } else {
+                DVec3::new(-4096.0, 128.0, 512.0)
+            };
+            let mut unmoved = history.clone();
+            let here = shot.plan(&config, DVec3::ZERO, &mut unmoved);
+            let there = shot.plan(&config, origin, &mut history);
+            for (here, there) in here.iter().zip(&there) {
+                assert!(
+                    (here.far - there.far).abs() < 1e-3 * here.far,
+                    "{fit:?}: {step}"
+                );
+                let (Some(here_map), Some(there_map)) = (&here.map, &there.map) else {
+                    assert_eq!(here.map.is_some(), there.map.is_some());
+                    continue;
+                };
+                if there_map.strength > 0.0 {
+                    continue;
+                }
+                let point = shot.eye + DVec3::new(0.0, -1.7, -3.0);
+                let [a, b] = [
+                    here_map.clip_from_world.project_point3(point),
+                    there_map.clip_from_world.project_point3(point + origin),
+                ];
+                let apart = 0.5 * (a - b).truncate() * here.map_size.as_dvec2();
+                // By whole texels, that is, but for what `f32` cameras are rounded by.
+                let apart = (apart - apart.round()).abs().max_element();
+                assert!(apart < 1e-6, "{fit:?}: {step}: {apart}");
+            }
+        }
+    }
+}
+
+/// Where houses line a street along the light's axes, a warp gives way to a finer tight map.
+#[test]
+fn a_warp_knows_the_map_it_competes_with() {
+    let config = with(CascadeFit::Warped(MapWarp::Minimax));
+    let view = volume(
+        &perspective(0.8, 1.6),
+        DVec3::new(0.0, 1.7, 0.0).as_vec3(),
+        Quat::from_rotation_y(0.6),
+    );
+    let mut receivers = Receivers::new(&view);
+    // A strip of ground along the world's z, and the light above it.
+    receivers.add(&OrientedBox {
+        center: DVec3::new(-4.0, 0.0, -8.0),
+        half_axes: DMat3::from_diagonal(DVec3::new(0.5, 0.05, 6.0)),
+    });
+    let plan = |receivers: &Receivers| {
+        let inputs = PlanInputs {
+            view: &view,
+            light: &LightFrame::new(DVec3::new(0.0, 1.0, 0.1)).expect("a direction"),
+            config: &config,
+            reach: LookupReach { texels: 3.0 },
+            receivers,
+            image_height: 1080.0,
+        };
+        plan_cascades(&inputs, &mut PlanHistory::default())
+    };
+    let fits = |plans: &[CascadePlan]| -> Vec<MapFit> {
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        maps.map(|map| map.fit).collect()
+    };
+    assert!(fits(&plan(&receivers)).contains(&MapFit::Tight));
+    // All of the view is what warps are made for.
+    let everywhere = fits(&plan(&Receivers::everywhere(&view)));
+    assert_eq!(everywhere, [MapFit::Warped(MapWarp::Minimax); 4]);
+}
