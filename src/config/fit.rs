@@ -11,8 +11,13 @@ use super::{ConfigError, SplitScheme};
 pub enum CascadeFit {
     /// Constant size, fixed orientation, moved in whole texels: edges of resting shadows never
     /// crawl, however the camera moves or turns.
-    #[default]
     Stable,
+    /// The box of an upright cylinder around what can receive shadows, in the light's own frame, moved
+    /// in whole texels: nearly as sharp as `Tight`. While the camera walks and turns edges stay; they
+    /// move by less than a texel every now and then, when what is seen becomes much nearer,
+    /// farther or wider.
+    #[default]
+    Steady,
     /// The smallest box around what can receive shadows, in the light's own frame: several times
     /// the texels per area. Edges stay while [`slack`](super::ParallelSplitShadows::slack) lasts
     /// and jump when it does not.
@@ -46,6 +51,8 @@ pub enum MapFit {
     /// As [`CascadeFit::Stable`].
     #[default]
     Stable,
+    /// As [`CascadeFit::Steady`].
+    Steady,
     /// As [`CascadeFit::Tight`].
     Tight,
     /// As [`CascadeFit::Warped`].
@@ -91,6 +98,7 @@ impl CascadeFit {
         ];
         let (fits, count) = match self {
             Self::Stable => ([MapFit::Stable; 3], 1),
+            Self::Steady => ([MapFit::Steady; 3], 1),
             Self::Tight => ([MapFit::Tight; 3], 1),
             Self::Faces => ([MapFit::Warped(MapWarp::Minimax); 3], 1),
             Self::Warped(warp) => ([MapFit::Warped(*warp); 3], 1),
@@ -110,11 +118,11 @@ impl CascadeFit {
                 fits.iter()
                     .map(|fit| match fit {
                         MapFit::Warped(_) => MapFit::Tight,
-                        MapFit::Stable | MapFit::Tight => *fit,
+                        MapFit::Stable | MapFit::Steady | MapFit::Tight => *fit,
                     })
                     .collect(),
             ),
-            Self::Stable | Self::Tight | Self::Auto { .. } => self.clone(),
+            Self::Stable | Self::Steady | Self::Tight | Self::Auto { .. } => self.clone(),
         }
     }
 
@@ -166,7 +174,7 @@ impl CascadeFit {
             .flat_map(|index| self.of_cascade(index))
             .try_for_each(|fit| match fit {
                 MapFit::Warped(warp) => warp.validate(),
-                MapFit::Stable | MapFit::Tight => Ok(()),
+                MapFit::Stable | MapFit::Steady | MapFit::Tight => Ok(()),
             })
     }
 }

@@ -23,6 +23,7 @@ pub(crate) use filter::{GAUSSIAN_TEXELS, MAX_SUN_DEGREES, TEMPORAL_TEXELS};
 use bevy::{
     asset::Asset,
     ecs::{component::Component, reflect::ReflectComponent},
+    light::CascadeShadowConfig,
     reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
 };
 use serde::{Deserialize, Serialize};
@@ -66,12 +67,15 @@ pub struct ParallelSplitShadows {
     pub cascades: u32,
     /// Where the split scheme starts (meters from the eye, above zero). Surfaces nearer than
     /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
-    /// wastes the first cascades on the ground at the camera's feet. Default 1 m.
+    /// wastes the first cascades on the ground at the camera's feet. Default 1 m; see
+    /// [`far`](Self::far).
     #[reflect(@0.0..=MAX_DISTANCE)]
     pub near: f32,
     /// Where shadows end (meters from the eye, above [`near`](Self::near)). Farther costs
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
-    /// plain sight. Default 500 m.
+    /// plain sight. Default 500 m, and if both are at their defaults, the range of the light's own
+    /// `CascadeShadowConfig` where the game has set one. Fits other than `Stable` spread their
+    /// cascades over the part of the range in which something is seen.
     #[reflect(@0.0..=MAX_DISTANCE)]
     pub far: f32,
     /// Where cascades end in between, at no cost. Too little near the eye shows as blocky shadows
@@ -88,12 +92,13 @@ pub struct ParallelSplitShadows {
     #[reflect(@0.0..=1.0_f32)]
     pub fade: f32,
     /// How maps are laid over their slices. Sharper fits take longer to plan, and edges of shadows
-    /// move now and then, or crawl. Default [`CascadeFit::Stable`]: under a slow pan or turn no
-    /// pixel ever changes.
+    /// move now and then, or crawl. Default [`CascadeFit::Steady`]: as sharp as can be for maps that
+    /// keep still while the camera walks and turns.
     pub fit: CascadeFit,
     /// How much larger than needed fitted maps, the boxes that they are fitted to and the range of
     /// depths that is split may be, so as not to change with every frame (share, 0 to 1). 0 is
-    /// sharpest and crawls whenever anything moves; [`CascadeFit::Stable`] needs none. Default 0.1.
+    /// sharpest and crawls whenever anything moves. Of [`CascadeFit::Stable`] it is the step in which
+    /// zooms change maps. Default 0.1.
     #[reflect(@0.0..=1.0_f32)]
     pub slack: f32,
     /// Texels of each cascade's map. Default `Same(2048)`: 16 MiB and one clear each, for every
@@ -154,6 +159,29 @@ impl ParallelSplitShadows {
         self.map_size.validate(self.cascades, max_map_size)?;
         self.filter.validate()?;
         self.comparison.bias.validate()
+    }
+
+    /// These settings over the range that the light's own configuration has, if the game has set one
+    /// and has left ours at its default.
+    pub(crate) fn over_range_of(&self, own: &CascadeShadowConfig) -> Self {
+        let mut over_own = self.clone();
+        let default = Self::default();
+        let is_ours_set = [self.near, self.far] != [default.near, default.far];
+        let is_own_set = own.bounds != CascadeShadowConfig::default().bounds;
+        if let ([first, .., last], false, true) = (&own.bounds[..], is_ours_set, is_own_set) {
+            // Bevy's splits are logarithmic from the first on.
+            let ratio = (last / first).powf(1.0 / (own.bounds.len() - 1) as f32);
+            over_own.near = first / ratio;
+            over_own.far = *last;
+        } else if let ([last], false, true) = (&own.bounds[..], is_ours_set, is_own_set) {
+            over_own.near = self.near.min(0.1 * last);
+            over_own.far = *last;
+        }
+        if over_own.validate(u32::MAX).is_ok() {
+            over_own
+        } else {
+            self.clone()
+        }
     }
 
     /// Whether all maps have square texels.

@@ -17,11 +17,11 @@ use glam::{DMat4, DVec2, DVec3};
 
 /// A wall that stands on the receiver's plane rises by no more than this (meters towards the light
 /// per meter across it), as far as it is told from a caster.
-pub const WALL_SLOPE: f64 = 2.0;
+pub const WALL_SLOPE: f64 = 2.75;
 
 /// The receiver's surface bends upwards by no more than one part in so many of a radian within a
 /// texel: under a sun that grazes the ground a texel covers much of it.
-pub const BEND_RECIPROCAL: u32 = 8;
+pub const BEND_RECIPROCAL: u32 = 7;
 
 /// Rasterizers round vertices to 1/256 of a texel, and with them the plane that a map holds; with a
 /// margin (texels).
@@ -103,7 +103,7 @@ pub struct Bias {
     pub slope: DVec2,
     /// What it rises more per texel where it bends ([`BEND_RECIPROCAL`]).
     pub bend: f64,
-    /// What a wall on it rises within a texel at most, and within half of one
+    /// What a wall on it rises within a texel at most, and within a quarter of one
     /// ([`WALL_SLOPE`]).
     pub wall: f64,
     /// What positions and the plane are rounded by.
@@ -119,7 +119,7 @@ impl Bias {
         let farthest = offset.abs().max_element();
         let rise = self.slope.dot(offset);
         let bent = (rise + self.bend * farthest).min(self.most());
-        let wall = self.wall * (2.0 * farthest).min(1.0);
+        let wall = self.wall * (4.0 * farthest).min(1.0);
         rise + (bent.max(wall) - rise).clamp(0.0, self.most()) + self.rounding
     }
 

@@ -65,6 +65,65 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
     (point / cell + 0.5).floor() * cell
 }
 
+/// The box of an upright cylinder around points, grown by some slack and moved in whole texels.
+///
+/// A view that turns sees about as much in every direction: the cylinder's radius and height stay
+/// much the same, whereas the smallest box would not. `kept` is the box's extent (meters).
+pub fn steady(
+    points: &[DVec3],
+    light: &LightFrame,
+    map_size: UVec2,
+    reach: LookupReach,
+    slack: Slack,
+    kept: &mut [Kept<f64>; 2],
+) -> MapBox {
+    let size = map_size.as_dvec2();
+    let (center, radius) = bounding_circle(points);
+    let (bottom, top) = points
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), point| {
+            (lo.min(point.y), hi.max(point.y))
+        });
+    let center = DVec3::new(center.x, 0.5 * (bottom + top), center.y);
+    let half = |axis: DVec3| radius * axis.x.hypot(axis.z) + 0.5 * (top - bottom) * axis.y.abs();
+    let [across, up] = kept;
+    let extent = DVec2::new(
+        slack.round_up(half(light.x).max(MIN_EXTENT), across),
+        slack.round_up(half(light.y).max(MIN_EXTENT), up),
+    );
+    let guard = 1.0 + 2.0 * reach.texels;
+    let extent = extent * size / usable(size, guard);
+    let texel = 2.0 * extent / size;
+    let cell = texel.extend(texel.max_element());
+    MapBox {
+        center: snapped(light.light_from_world(center), cell),
+        half: extent.extend(half(light.z) + (reach.texels + 0.5) * cell.z),
+        texel,
+    }
+}
+
+/// A circle around points seen from above, nearly the smallest (Bădoiu and Clarkson 2003): its
+/// center (x and z) and radius.
+fn bounding_circle(points: &[DVec3]) -> (DVec2, f64) {
+    const STEPS: u32 = 32;
+    let points = || points.iter().map(|point| DVec2::new(point.x, point.z));
+    let farthest = |center: DVec2| {
+        points().fold((0.0, center), |(most, farthest), point| {
+            let distance = center.distance(point);
+            if distance > most {
+                (distance, point)
+            } else {
+                (most, farthest)
+            }
+        })
+    };
+    let mut center = points().sum::<DVec2>() / points().count().max(1) as f64;
+    for step in 1..=STEPS {
+        center += (farthest(center).1 - center) / f64::from(step + 1);
+    }
+    (center, farthest(center).0)
+}
+
 /// The smallest box around points in the light's frame, grown by some slack: as long as that
 /// lasts, the map moves in whole texels and does not change its size. `kept` is the extent
 /// (meters).

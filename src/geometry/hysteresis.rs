@@ -6,18 +6,45 @@
 pub struct Slack(pub f64);
 
 /// A value that is held from frame to frame.
-#[derive(Debug, Default, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kept<T> {
     value: Option<T>,
     /// For how many frames in a row it has been much larger than needed.
     frames_too_large: u32,
+    hold: Hold,
+}
+
+/// How long and how much too large something may be held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hold {
+    /// Frames for which something must have been two steps too large before it shrinks.
+    pub frames: u32,
+    /// Steps by which it may be too large at most, whatever moves: beyond, it shrinks at once.
+    pub steps: f64,
+}
+
+impl Hold {
+    /// Half a second at 60 frames per second, and about one and a half times for a slack of a tenth.
+    pub const SHORT: Self = Self {
+        frames: SHRINK_DELAY,
+        steps: 4.0,
+    };
+
+    /// Ten seconds, for what is to change as seldom as can be.
+    pub const LONG: Self = Self {
+        frames: 600,
+        ..Self::SHORT
+    };
+}
+
+impl<T> Default for Kept<T> {
+    fn default() -> Self {
+        Self::with(Hold::SHORT)
+    }
 }
 
 /// Frames for which something must have been too large before it shrinks: half a second at 60 per second.
 pub const SHRINK_DELAY: u32 = 30;
-
-/// Steps by which what is held may be too large at most, whatever moves: beyond, it shrinks at once.
-pub const MOST_STEPS: f64 = 4.0;
 
 /// Steps are powers and multiples of floating-point numbers, and compared with such.
 const ROUNDING: f64 = 1e-9;
@@ -80,6 +107,22 @@ impl Slack {
     }
 }
 
+impl<T> Kept<T> {
+    /// Nothing yet.
+    pub fn with(hold: Hold) -> Self {
+        Self {
+            value: None,
+            frames_too_large: 0,
+            hold,
+        }
+    }
+
+    /// Lets go of what is held.
+    pub fn forget(&mut self) {
+        *self = Self::with(self.hold);
+    }
+}
+
 impl<T: Copy> Kept<T> {
     /// What is held, or else what is `needed`. `steps_too_large`: by how many steps a value is.
     fn update(
@@ -94,15 +137,15 @@ impl<T: Copy> Kept<T> {
                 self.frames_too_large = 0;
                 value
             }
-            Some((value, steps)) if steps <= MOST_STEPS && self.frames_too_large < SHRINK_DELAY => {
+            Some((value, steps))
+                if steps <= self.hold.steps && self.frames_too_large < self.hold.frames =>
+            {
                 self.frames_too_large += 1;
                 value
             }
             _ => {
-                *self = Self {
-                    value: Some(needed),
-                    frames_too_large: 0,
-                };
+                self.value = Some(needed);
+                self.frames_too_large = 0;
                 needed
             }
         }

@@ -89,7 +89,7 @@ pub(super) fn fit(
         let most = f64::from(*sharpness).recip();
         let handicap = match fit {
             MapFit::Stable => 1.0,
-            MapFit::Tight => 1.01 * most.sqrt(),
+            MapFit::Steady | MapFit::Tight => 1.01 * most.sqrt(),
             MapFit::Warped(_) => 1.02 * most,
         };
         if kept == Some(fit) {

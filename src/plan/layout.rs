@@ -5,7 +5,7 @@ use crate::{
     config::{CascadeFit, MapFit, ShadowFocus, SplitScheme},
     geometry::{
         face::Wedge,
-        hysteresis::{Kept, Slack},
+        hysteresis::{Hold, Kept, Slack},
     },
 };
 
@@ -161,6 +161,9 @@ pub(super) fn is_focused(inputs: &PlanInputs) -> bool {
 /// Slack of the range of depths where maps may be stable.
 const MIN_STABLE_SLACK: f64 = 0.25;
 
+/// Slack of the range of depths of steady maps.
+const STEADY_SLACK: f64 = 1.0;
+
 /// A range of depths is no thinner than this, as a share: planes should not fall together.
 const MIN_THICKNESS: f64 = 1e-3;
 
@@ -181,11 +184,12 @@ pub(super) fn split_range(inputs: &PlanInputs, kept: &mut KeptRange) -> [f64; 2]
         return whole;
     }
     // Where maps may be stable, planes should be, too.
-    let slack = if inputs.config.fit.chooses() {
-        Slack(inputs.slack().0.max(MIN_STABLE_SLACK))
-    } else {
-        inputs.slack()
+    let least_slack = match inputs.config.fit {
+        CascadeFit::Steady => STEADY_SLACK,
+        CascadeFit::Auto { .. } => MIN_STABLE_SLACK,
+        _ => 0.0,
     };
+    let slack = Slack(inputs.slack().0.max(least_slack));
     // Shares of depths where those differ much, and of their difference where not.
     let by_depth = [
         slack.round_down(near, &mut kept.near),
@@ -212,4 +216,15 @@ pub(super) struct KeptRange {
     near: Kept<f64>,
     far: Kept<f64>,
     both: Kept<[f64; 2]>,
+}
+
+impl KeptRange {
+    /// Nothing yet.
+    pub fn with(hold: Hold) -> Self {
+        Self {
+            near: Kept::with(hold),
+            far: Kept::with(hold),
+            both: Kept::with(hold),
+        }
+    }
 }

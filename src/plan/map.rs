@@ -4,6 +4,7 @@ use glam::{DMat4, DVec2, DVec3, UVec2};
 
 use super::{
     CascadeMap, PlanInputs,
+    layout::is_focused,
     volume::CascadeVolume,
     warp::{warp_direction, warp_frame},
 };
@@ -52,7 +53,15 @@ pub(super) fn place(
         strength: 0.0,
     };
     Some(match fit {
+        // Where all of the slice counts, its sphere is as steady as can be.
+        MapFit::Steady if !is_focused(inputs) => {
+            in_light(fit::stable(&volume.slice, light, map_size, reach, slack))
+        }
         MapFit::Stable => in_light(fit::stable(&volume.slice, light, map_size, reach, slack)),
+        MapFit::Steady => {
+            let points = &volume.body.corners;
+            in_light(fit::steady(points, light, map_size, reach, slack, kept))
+        }
         MapFit::Tight => {
             let points = &volume.body.corners;
             in_light(fit::tight(points, light, map_size, reach, slack, kept))

@@ -18,13 +18,13 @@ pub use warp::{warp_direction, warp_frame};
 use glam::{DMat4, DVec2, UVec2};
 
 use crate::{
-    config::{MAX_CASCADES, MapFit, ParallelSplitShadows},
+    config::{CascadeFit, MAX_CASCADES, MapFit, ParallelSplitShadows},
     geometry::{
         aliasing::Aliasing,
         face::Wedge,
         fit::LookupReach,
         hull::CasterHull,
-        hysteresis::{Kept, Slack},
+        hysteresis::{Hold, Kept, Slack},
         light_frame::LightFrame,
         receivers::Receivers,
         slice::ViewVolume,
@@ -137,14 +137,21 @@ pub struct PlanHistory {
 }
 
 impl PlanHistory {
-    /// Holds on to nothing: the next plan is made as the first was.
-    pub fn forget(&mut self) {
-        let (config, view) = (self.config.take(), self.view);
-        *self = Self {
-            config,
-            view,
+    fn new(config: &ParallelSplitShadows) -> Self {
+        let mut history = Self {
+            config: Some(config.clone()),
             ..Self::default()
         };
+        if config.fit == CascadeFit::Steady {
+            history.kept_range = KeptRange::with(Hold {
+                steps: 2.0,
+                ..Hold::LONG
+            });
+            for cascade in &mut history.cascades {
+                cascade.extent = [Kept::with(Hold::LONG); 2];
+            }
+        }
+        history
     }
 }
 
@@ -162,12 +169,11 @@ struct CascadeHistory {
 }
 
 impl CascadeHistory {
-    fn of_another_slice(self) -> Self {
-        Self {
-            fit: self.fit,
-            size: self.size,
-            ..Self::default()
-        }
+    /// Lets go of what the slice was.
+    fn forget_slice(&mut self) {
+        self.bounds.iter_mut().for_each(Kept::forget);
+        self.depths.iter_mut().for_each(Kept::forget);
+        self.extent.iter_mut().for_each(Kept::forget);
     }
 }
 
@@ -175,10 +181,7 @@ impl CascadeHistory {
 pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
     let config = inputs.config;
     if history.config.as_ref() != Some(config) {
-        *history = PlanHistory {
-            config: Some(config.clone()),
-            ..PlanHistory::default()
-        };
+        *history = PlanHistory::new(config);
     }
     let view = cut::relative_to(inputs.view, inputs.light.origin);
     if history
@@ -186,7 +189,10 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
         .replace(view)
         .is_some_and(|last| cut::is_cut(inputs, &last, &view))
     {
-        history.forget();
+        *history = PlanHistory {
+            view: Some(view),
+            ..PlanHistory::new(config)
+        };
     }
     let range = layout::split_range(inputs, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices);
@@ -194,7 +200,10 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     // Cascades of other slices have nothing to hold on to.
     let is_same = history.range.replace(range) == Some(range) && history.slices == Some(slices);
     if !is_same {
-        history.cascades = history.cascades.map(CascadeHistory::of_another_slice);
+        history
+            .cascades
+            .iter_mut()
+            .for_each(CascadeHistory::forget_slice);
     }
     history.slices = Some(layout.slices());
 
@@ -202,7 +211,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     let volumes = layout.volumes(inputs, kept);
     for (volume, kept) in volumes.iter().zip(kept.iter_mut()) {
         if volume.is_none() {
-            *kept = kept.of_another_slice();
+            kept.forget_slice();
         }
     }
     let fits: Vec<_> = volumes

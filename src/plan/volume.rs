@@ -3,6 +3,7 @@
 use glam::{DVec3, DVec4};
 
 use super::{CascadeHistory, PlanInputs};
+use crate::config::CascadeFit;
 use crate::geometry::{
     body::ConvexBody,
     face::Wedge,
@@ -50,7 +51,12 @@ impl CascadeVolume {
         if found.is_empty() {
             return None;
         }
-        let found = kept_extent(inputs, found, self.slice.radius, history);
+        // A steady map's extent is held, not what it is fitted to.
+        let found = if inputs.config.fit == CascadeFit::Steady {
+            padded(found, self.slice.radius)
+        } else {
+            kept_extent(inputs, found, self.slice.radius, history)
+        };
         self.clipped(&found.planes(&Depth::new(inputs.view)))
     }
 
@@ -82,6 +88,14 @@ impl CascadeVolume {
 /// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
 const MIN_THICKNESS: f64 = 1e-4;
 
+fn padded(found: Extent, radius: f64) -> Extent {
+    let pad = DVec4::splat(MIN_THICKNESS * radius);
+    Extent {
+        lo: found.lo - pad,
+        hi: found.hi + pad,
+    }
+}
+
 fn kept_extent(
     inputs: &PlanInputs,
     found: Extent,
@@ -89,11 +103,13 @@ fn kept_extent(
     history: &mut CascadeHistory,
 ) -> Extent {
     let (slack, origin) = (inputs.slack(), inputs.light.origin);
-    let pad = DVec4::splat(MIN_THICKNESS * radius);
-    let [lo, hi] = [found.lo - pad, found.hi + pad];
+    let Extent { lo, hi } = padded(found, radius);
+    // In steps of what there is, which may be much less than the slice.
+    let size = (hi - lo).truncate().max_element();
+    let scale = (0.5 * size).log2().ceil().exp2().min(radius);
     let [x, y, z] = [0, 1, 2].map(|axis| {
         let needed = [lo[axis], hi[axis]].map(|end| end - origin[axis]);
-        let kept = slack.interval(needed, radius, &mut history.bounds[axis]);
+        let kept = slack.interval(needed, scale, &mut history.bounds[axis]);
         kept.map(|end| end + origin[axis])
     });
     let [near, far] = &mut history.depths;

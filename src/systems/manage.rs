@@ -30,7 +30,7 @@ use crate::{
 #[require(ShadowPlans, CasterCascades)]
 pub struct ManagedLight {
     last_good: Option<ParallelSplitShadows>,
-    /// The last good configuration, with the fit that the GPU can draw.
+    /// The last good configuration, over the range and with the fit that are in force.
     in_force: Option<ParallelSplitShadows>,
     /// When the configuration that was checked last was written.
     checked: Option<Tick>,
@@ -55,6 +55,7 @@ impl ManagedLight {
         &mut self,
         light: Entity,
         config: &Ref<ParallelSplitShadows>,
+        cascade_config: &CascadeShadowConfig,
         support: &ShadowSupport,
     ) -> Option<&ParallelSplitShadows> {
         // Not `is_changed`, which has passed if the light was not there yet or was disabled.
@@ -66,9 +67,11 @@ impl ManagedLight {
             }
         }
         let last_good = self.last_good.as_ref()?;
+        let built_in = self.built_in.as_ref();
+        let own = built_in.map_or(cascade_config, |built_in| &built_in.cascade_config);
         self.in_force = Some(ParallelSplitShadows {
             fit: drawable_fit(&last_good.fit, support),
-            ..last_good.clone()
+            ..last_good.over_range_of(own)
         });
         self.in_force.as_ref()
     }
@@ -217,7 +220,7 @@ pub(super) fn manage_lights(
         };
         let Some(published) = it
             .managed
-            .accept(it.entity, &config, &support)
+            .accept(it.entity, &config, &it.cascade_config, &support)
             .map(published_config)
         else {
             continue;

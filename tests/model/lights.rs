@@ -7,7 +7,10 @@ use bevy::{
         visibility::{CascadesVisibleEntities, NoFrustumCulling},
     },
     ecs::{entity_disabling::Disabled, prelude::*},
-    light::{CascadeShadowConfig, Cascades, NotShadowCaster, SimulationLightSystems},
+    light::{
+        CascadeShadowConfig, CascadeShadowConfigBuilder, Cascades, NotShadowCaster,
+        SimulationLightSystems,
+    },
     prelude::*,
     shape::ViewFrustum,
 };
@@ -630,4 +633,91 @@ fn switched_off_stays_off_when_managed_again() {
     entity.insert((DirectionalLight::default(), ParallelSplitShadows::default()));
     app.update();
     assert!(casts(&app));
+}
+
+/// Left at its defaults, the range is that of the light's own configuration, if the game has set one.
+#[test]
+fn the_range_follows_the_games_own() {
+    let mut app = app();
+    camera(&mut app);
+    let own = |first, last| {
+        CascadeShadowConfigBuilder {
+            first_cascade_far_bound: first,
+            maximum_distance: last,
+            ..default()
+        }
+        .build()
+    };
+    let bounds = |app: &mut App, light: Entity| {
+        app.update();
+        let config = app.world().get::<CascadeShadowConfig>(light).unwrap();
+        config.bounds.clone()
+    };
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    assert_eq!(bounds(&mut app, light)[3], 500.0);
+
+    let small = sun(&mut app, ());
+    app.world_mut()
+        .entity_mut(small)
+        .insert((own(1.6, 30.0), ParallelSplitShadows::default()));
+    let found = bounds(&mut app, small);
+    assert!((29.9..30.1).contains(&found[3]), "{found:?}");
+    assert!((1.6..2.6).contains(&found[0]), "{found:?}");
+    // What is set stays set, and what was comes back.
+    let set = ParallelSplitShadows {
+        far: 80.0,
+        ..default()
+    };
+    app.world_mut().entity_mut(small).insert(set);
+    assert_eq!(bounds(&mut app, small)[3], 80.0);
+    app.world_mut()
+        .entity_mut(small)
+        .remove::<ParallelSplitShadows>();
+    assert_eq!(bounds(&mut app, small), own(1.6, 30.0).bounds);
+
+    // Bounds that make no range are not followed.
+    let odd = sun(&mut app, ());
+    let mut config = own(1.6, 30.0);
+    config.bounds = vec![5.0, f32::NAN];
+    app.world_mut()
+        .entity_mut(odd)
+        .insert((config, ParallelSplitShadows::default()));
+    assert_eq!(bounds(&mut app, odd)[3], 500.0);
+}
+
+/// A game can say that a view has jumped, where the view itself does not show it.
+#[test]
+fn cuts_can_be_told() {
+    let mut app = app();
+    // Nothing but what is seen.
+    let view = app.world_mut().spawn(Camera3d::default()).id();
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Tight,
+        ..default()
+    };
+    let light = sun(&mut app, config);
+    let thing = caster(&mut app, Vec3::new(0.0, 0.0, -60.0));
+    let texel = |app: &mut App| {
+        app.update();
+        let plans = app.world().get::<ShadowPlans>(light).unwrap();
+        let maps = plans.views[&view]
+            .iter()
+            .filter_map(|plan| plan.map.as_ref());
+        maps.map(|map| map.texel.max_element()).next()
+    };
+    let scale = |app: &mut App, scale: f32| {
+        app.world_mut().get_mut::<Transform>(thing).unwrap().scale = Vec3::splat(scale);
+    };
+    for is_told in [false, true] {
+        scale(&mut app, 12.0);
+        (0..40).for_each(|_| app.update());
+        let large = texel(&mut app);
+        scale(&mut app, 9.0);
+        texel(&mut app);
+        if is_told {
+            app.world_mut().trigger(CameraCut { entity: view });
+        }
+        let small = texel(&mut app);
+        assert_eq!(small < large, is_told, "{large:?} {small:?}");
+    }
 }

@@ -299,3 +299,108 @@ fn a_warp_knows_the_map_it_competes_with() {
     let everywhere = fits(&plan(&Receivers::everywhere(&view)));
     assert_eq!(everywhere, [MapFit::Warped(MapWarp::Minimax); 4]);
 }
+
+/// In how many of so many frames any map's texels change while a camera goes along a path through a
+/// village.
+fn grid_changes(fit: CascadeFit, frames: usize, shot: impl Fn(f32) -> Shot) -> usize {
+    let config = with(fit);
+    let mut history = PlanHistory::default();
+    let mut before: Option<Vec<Option<f64>>> = None;
+    let mut changes = 0;
+    for frame in 0..frames {
+        let plans = shot(frame as f32 / 60.0).in_village(&config, &mut history);
+        let now = texels(&plans);
+        if let Some(before) = before.replace(now.clone()) {
+            let mut pairs = now.iter().zip(&before);
+            let is_change = |(now, before): (&Option<f64>, &Option<f64>)| {
+                now.is_some() && before.is_some() && now != before
+            };
+            changes += usize::from(pairs.any(is_change));
+        }
+    }
+    changes
+}
+
+impl Shot {
+    /// Houses, trees and people on wide ground.
+    fn in_village(
+        &self,
+        config: &ParallelSplitShadows,
+        history: &mut PlanHistory,
+    ) -> Vec<CascadePlan> {
+        let turn = Quat::from_rotation_y(self.yaw) * Quat::from_rotation_x(self.pitch);
+        let view = volume(
+            &perspective(self.fov, self.aspect),
+            self.eye.as_vec3(),
+            turn,
+        );
+        let mut receivers = Receivers::new(&view);
+        let mut add = |center: DVec3, half: DVec3| {
+            receivers.add(&OrientedBox {
+                center,
+                half_axes: DMat3::from_diagonal(half),
+            });
+        };
+        add(DVec3::ZERO, DVec3::new(self.ground, 0.1, self.ground));
+        for i in 0..400_u32 {
+            // Spread evenly, as though at random.
+            let at = DVec3::new(
+                (0.754_877_666 * f64::from(i)).fract() - 0.5,
+                0.0,
+                (0.569_840_291 * f64::from(i)).fract() - 0.5,
+            );
+            let half = [
+                DVec3::new(4.0, 3.0, 5.0),
+                DVec3::new(2.0, 5.0, 2.0),
+                DVec3::new(0.3, 0.9, 0.3),
+            ][i as usize % 3];
+            add(300.0 * at + DVec3::Y * half.y, half);
+        }
+        let inputs = PlanInputs {
+            view: &view,
+            light: &LightFrame::new(DVec3::new(0.3, 0.7, -0.45)).expect("a direction"),
+            config,
+            reach: LookupReach { texels: 3.0 },
+            receivers: &receivers,
+            image_height: 1080.0,
+        };
+        plan_cascades(&inputs, history)
+    }
+}
+
+#[test]
+fn steady_maps_change_seldom() {
+    let walk = |seconds: f32| Shot {
+        eye: STANDING.eye + DVec3::new(0.3, 0.0, -1.5) * f64::from(seconds),
+        pitch: -0.05,
+        ..STANDING
+    };
+    let turn = |seconds: f32| Shot {
+        yaw: 0.6 * seconds,
+        pitch: -0.05,
+        ..STANDING
+    };
+    let nod = |seconds: f32| Shot {
+        pitch: 0.5 * (1.5 * seconds).sin() - 0.2,
+        ..STANDING
+    };
+    let drive = |seconds: f32| Shot {
+        eye: STANDING.eye + DVec3::new(4.0, 0.0, -10.0) * f64::from(seconds),
+        pitch: -0.05,
+        ..STANDING
+    };
+    let changes = |fit: CascadeFit| {
+        [
+            grid_changes(fit.clone(), 600, walk),
+            grid_changes(fit.clone(), 600, turn),
+            grid_changes(fit.clone(), 600, drive),
+            grid_changes(fit, 600, nod),
+        ]
+    };
+    assert_eq!(changes(CascadeFit::Stable), [0; 4]);
+    let steady = changes(CascadeFit::Steady);
+    assert!(steady[..3].iter().all(|count| *count <= 1), "{steady:?}");
+    let tight = changes(CascadeFit::Tight);
+    let [of_steady, of_tight] = [steady, tight].map(|counts| counts[..3].iter().sum::<usize>());
+    assert!(10 * of_steady <= of_tight, "{steady:?} {tight:?}");
+}

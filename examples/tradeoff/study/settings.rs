@@ -127,6 +127,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (name, fit) in [
         ("stable", CascadeFit::Stable),
+        ("steady", CascadeFit::Steady),
         ("tight", CascadeFit::Tight),
         ("warped", CascadeFit::Warped(MapWarp::Minimax)),
     ] {
