@@ -27,6 +27,11 @@ pub const BEND_RECIPROCAL: u32 = 7;
 /// margin (texels).
 pub const TEXEL_ROUNDING: f64 = 1.0 / 64.0;
 
+/// A triangle of a smooth-shaded mesh ends within so many times the distance from its middle that the
+/// shading normal's deviation and curvature come to. That far, times the sine by which it is turned
+/// away from the light, lies the shaded surface above it.
+pub const FACETS: u32 = 3;
+
 /// Planes that rise by more than this (meters towards the light per meter across it) are taken to
 /// rise by no more, for they end soon: the rest of what they need goes along the surface's normal,
 /// where it takes less than a texel.

@@ -58,11 +58,12 @@ pub(crate) mod code {
 }
 
 /// Constants of the library, `constants::…` there. Fractions by their reciprocals.
-const CONSTANTS: [(&str, u32); 25] = [
+const CONSTANTS: [(&str, u32); 26] = [
     ("PSSM_MARK", SLOT_MARK),
     ("PSSM_ROUNDING", bias::ROUNDING_RECIPROCAL),
     ("PSSM_EDGE_ON", bias::EDGE_ON_RECIPROCAL),
     ("PSSM_BEND", bias::BEND_RECIPROCAL),
+    ("PSSM_FACETS", bias::FACETS),
     ("PSSM_STEEPEST", bias::STEEPEST_SLOPE),
     ("PSSM_STEEP", bias::STEEP_SLOPE),
     ("PSSM_CORNER", bias::CORNER_SLOPE),

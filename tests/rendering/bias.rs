@@ -15,7 +15,7 @@ use crate::{
         cases::{Case, case_studio},
         faults::BiasFaults,
         run::{Effort, View},
-        settings::Setting,
+        settings::{Setting, Stock},
         studio::Studio,
     },
 };
@@ -286,6 +286,59 @@ fn ridges() {
             leak: 11.0,
         },
     );
+}
+
+/// Smooth-shaded meshes have no teeth where light runs out, no more than Bevy's own shadows have.
+#[test]
+fn the_terminator_is_smooth() {
+    let _turn = take_turn();
+    let mut failures = String::new();
+    for (case, is_deferred) in [
+        (Case::Terminator, false),
+        (Case::Ridges, false),
+        (Case::Terminator, true),
+        (Case::Ridges, true),
+    ] {
+        let mut studio = case_studio(case);
+        let camera = studio.camera;
+        if is_deferred {
+            let world = studio.world();
+            world.insert_resource(DefaultOpaqueRendererMethod::deferred());
+            world
+                .entity_mut(camera)
+                .insert((DepthPrepass, DeferredPrepass));
+        }
+        let view = look(&mut studio);
+        let mut dark = |name: String, setting: Setting| {
+            studio.apply(&setting);
+            let shares = studio.shares(&view);
+            let (dark, marks) = studio.terminator_faults(&view, &shares);
+            let name = format!("terminator_{case:?}_{is_deferred}_{name}");
+            write(&name, &picture(&view, &shares, &marks));
+            dark
+        };
+        let with = |fit, size| ParallelSplitShadows {
+            far: 150.0,
+            fit,
+            map_size: MapSize::Same(size),
+            ..default()
+        };
+        let stock = Stock::new(1024, &with(CascadeFit::Stable, 1024));
+        let bevys = dark("bevy".into(), Setting::bevy("bevy", stock));
+        for (fit, size) in [
+            (CascadeFit::Steady, 1024),
+            (CascadeFit::Steady, 4096),
+            (CascadeFit::Stable, 1024),
+            (CascadeFit::Warped(MapWarp::Minimax), 1024),
+        ] {
+            let name = format!("{fit:?}_{size}").replace(['(', ')'], "");
+            let ours = dark(name.clone(), Setting::pssm(name.clone(), with(fit, size)));
+            if ours > bevys.max(1.0) {
+                failures += &format!("{case:?} {is_deferred} {name}: {ours} Bevy {bevys}\n");
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{failures}");
 }
 
 /// Deferred pixels know no triangles, only depths.

@@ -31,6 +31,8 @@ pub enum Case {
     Roofs,
     /// Rolling ground under a sun of 3°.
     Ridges,
+    /// Smooth-shaded balls of few triangles under a low sun, from its side.
+    Terminator,
     /// A slab over the ground along the view, for its shadow's edge at all depths.
     Slab,
 }
@@ -54,6 +56,7 @@ impl Case {
             Self::Waves | Self::Ridges => (Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -25.0)),
             Self::Contact => (Vec3::new(-1.2, 1.4, 4.5), Vec3::new(-1.6, 0.2, 0.0)),
             Self::Slab => (Vec3::new(0.0, 12.0, 6.0), Vec3::new(0.0, 0.0, -40.0)),
+            Self::Terminator => (Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 0.7, -6.0)),
             Self::Balls | Self::Walls | Self::Fences | Self::Roofs => {
                 (Vec3::new(0.0, 3.0, 4.0), Vec3::new(0.0, 0.5, -6.0))
             }
@@ -68,7 +71,7 @@ impl Case {
             Vec3::new(elevation.cos(), elevation.sin(), 0.1)
         };
         let to_sun = match self {
-            Self::Roofs => low(15.0),
+            Self::Roofs | Self::Terminator => low(15.0),
             Self::Ridges => low(3.0),
             _ => Vec3::new(0.55, 0.65, 0.2),
         };
@@ -153,6 +156,14 @@ fn build(world: &mut World, case: Case) {
                 let i = i as f32;
                 let at = Vec3::new(1.5 - 2.6 * (i % 2.0), 1.0, -3.0 - 7.0 * i);
                 scene.add(ball.clone(), Transform::from_translation(at));
+            }
+        }
+        Case::Terminator => {
+            for (i, [sectors, stacks]) in [[32, 18], [24, 12], [48, 24]].into_iter().enumerate() {
+                let ball = Sphere::new(1.0).mesh().uv(sectors, stacks);
+                let i = i as f32;
+                let at = Vec3::new(2.6 * (i - 1.0), 0.9, -1.5 - 4.0 * i);
+                scene.add(ball, Transform::from_translation(at));
             }
         }
         Case::Waves | Case::Ridges => scene.add(waves(), Transform::default()),

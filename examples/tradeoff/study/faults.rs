@@ -4,9 +4,11 @@ use bevy::math::{DMat2, DVec2, DVec3};
 use bevy_pssm::geometry::bias::{MapDerivatives, automatic};
 
 use super::{
+    gather::Geometry,
     maps::{Map, maps_of},
     run::View,
     studio::Studio,
+    trace::Tracer,
 };
 
 /// Faults that are the bias' own, in percent of the pixels that can have them.
@@ -72,6 +74,31 @@ impl Studio {
             gap_texels: gap,
         };
         (faults, marks)
+    }
+
+    /// Percent of the pixels near the terminator of smooth-shaded meshes, where the sun shines on the
+    /// surface that is shaded, that get less than half of its light; and by pixel whether it does.
+    pub fn terminator_faults(&mut self, view: &View, shares: &[Option<f32>]) -> (f64, Vec<bool>) {
+        /// Farther from it, facets face the sun themselves (cosine of the angle to the sun).
+        const NEAR: core::ops::Range<f64> = 0.005..0.35;
+        let to_sun = self.sun_direction();
+        let tracer = Tracer::new(Geometry::gather(self.world()));
+        let (mut near, mut dark) = (0, 0);
+        let marks = view
+            .truth
+            .samples
+            .iter()
+            .zip(shares)
+            .map(|(sample, share)| {
+                let light = sample.and_then(|sample| tracer.smooth_light(&sample, to_sun));
+                let is_near = light.is_some_and(|(cosine, lit)| lit && NEAR.contains(&cosine));
+                let is_dark = is_near && share.is_some_and(|share| share < 0.5);
+                near += usize::from(is_near);
+                dark += usize::from(is_dark);
+                is_dark
+            });
+        let marks = marks.collect();
+        (100.0 * dark as f64 / near.max(1) as f64, marks)
     }
 
     /// The most that the automatic bias of a pixel should come to (texels), and the texels

@@ -5,7 +5,7 @@
 use bevy::{
     light::{NotShadowCaster, NotShadowReceiver},
     mesh::{
-        VertexAttributeValues,
+        MeshVertexAttribute, VertexAttributeValues,
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
@@ -17,6 +17,8 @@ use bevy::{
 pub struct Geometry {
     /// Corners in world space (meters), counter-clockwise seen from the front.
     pub triangles: Vec<[Vec3; 3]>,
+    /// The corners' normals in world space, of any length; none of skinned meshes.
+    pub normals: Vec<[Vec3; 3]>,
     /// By triangle: index of its surface.
     pub surface_of: Vec<u32>,
     /// What the triangles are made of.
@@ -108,7 +110,8 @@ impl Geometry {
             else {
                 continue;
             };
-            let (Some(positions), true) = (float3(mesh), visible.get()) else {
+            let positions = float3(mesh, Mesh::ATTRIBUTE_POSITION);
+            let (Some(positions), true) = (positions, visible.get()) else {
                 continue;
             };
             let joints = skin.and_then(|skin| joint_matrices(world, skin));
@@ -118,6 +121,14 @@ impl Geometry {
                 None => transform.transform_point(positions[vertex]),
             };
             let places: Vec<Vec3> = (0..positions.len()).map(place).collect();
+            let normal_matrix = transform.affine().matrix3.inverse().transpose();
+            let normals: Vec<Vec3> = match float3(mesh, Mesh::ATTRIBUTE_NORMAL) {
+                Some(normals) if joints.is_none() => normals
+                    .into_iter()
+                    .map(|normal| normal_matrix * normal)
+                    .collect(),
+                _ => vec![Vec3::ZERO; positions.len()],
+            };
             let corners: Vec<usize> = match mesh.indices() {
                 Some(indices) => indices.iter().collect(),
                 None => (0..positions.len()).collect(),
@@ -140,6 +151,9 @@ impl Geometry {
                 geometry
                     .triangles
                     .push([places[*a], places[*b], places[*c]]);
+                geometry
+                    .normals
+                    .push([normals[*a], normals[*b], normals[*c]]);
                 geometry.surface_of.push(surface);
             }
         }
@@ -160,8 +174,8 @@ impl Geometry {
     }
 }
 
-fn float3(mesh: &Mesh) -> Option<Vec<Vec3>> {
-    match mesh.attribute(Mesh::ATTRIBUTE_POSITION)? {
+fn float3(mesh: &Mesh, attribute: MeshVertexAttribute) -> Option<Vec<Vec3>> {
+    match mesh.attribute(attribute)? {
         VertexAttributeValues::Float32x3(list) => {
             Some(list.iter().map(|p| Vec3::from_array(*p)).collect())
         }

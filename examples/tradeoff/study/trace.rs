@@ -210,6 +210,38 @@ impl Tracer {
         })
     }
 
+    /// Of a smooth-shaded mesh, where its shading normal faces the sun: the cosine of the angle between
+    /// the two, and whether the sun shines on the surface that the vertices' normals describe.
+    ///
+    /// That lies where the corners' tangent planes do, on average by the point's weights, or on the
+    /// triangle where those lie below it (Hanika 2021, *Hacking the shadow terminator*).
+    pub fn smooth_light(&self, sample: &Sample, to_sun: DVec3) -> Option<(f64, bool)> {
+        let triangle = sample.triangle as usize;
+        let corners = self.geometry.triangles[triangle].map(Vec3::as_dvec3);
+        let normals = self.geometry.normals.get(triangle)?;
+        let normals = normals.map(|normal| normal.as_dvec3().normalize_or_zero());
+        let weights = weights(corners, sample.point);
+        let shading = (0..3).map(|i| weights[i] * normals[i]).sum::<DVec3>();
+        let shading = shading.try_normalize()?;
+        let cosine = shading.dot(to_sun);
+        let is_smooth = normals
+            .iter()
+            .any(|normal| normal.dot(sample.normal) < 0.9999);
+        if !is_smooth || cosine <= 0.0 || !self.geometry.surface(sample.triangle).receives {
+            return None;
+        }
+        let lifted = |i: usize| {
+            let above = (sample.point - corners[i]).dot(normals[i]);
+            weights[i] * (sample.point - above.min(0.0) * normals[i])
+        };
+        let on_smooth = Sample {
+            point: (0..3).map(lifted).sum(),
+            normal: shading,
+            ..*sample
+        };
+        Some((cosine, self.is_lit(&on_smooth, to_sun)))
+    }
+
     /// How far above a point the caster nearest to the sun lies, on the line towards the sun
     /// (meters); negative below it. `None` without any.
     pub fn caster_height(&self, point: DVec3, to_sun: DVec3) -> Option<f64> {
@@ -280,6 +312,15 @@ impl Tracer {
         let weights = DVec2::new(u, v).as_vec2();
         (hit && self.geometry.is_solid(triangle, weights)).then_some(distance)
     }
+}
+
+/// Weights of a triangle's corners at a point of it.
+fn weights([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 3] {
+    let whole = (b - a).cross(c - a);
+    let share = |from: DVec3, to: DVec3| {
+        (from - point).cross(to - point).dot(whole) / whole.length_squared()
+    };
+    [share(b, c), share(c, a), share(a, b)]
 }
 
 fn padded_box(corners: &[Vec3; 3]) -> Aabb {
