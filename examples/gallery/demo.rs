@@ -135,9 +135,9 @@ fn show_grids() -> Result<(), BevyError> {
     stage.world().insert_resource(ShadowOverlay::TexelGrid);
     let fits = [
         ("stable", CascadeFit::Stable),
+        ("steady", CascadeFit::Steady),
         ("tight", CascadeFit::Tight),
         ("warped", CascadeFit::Warped(MapWarp::Minimax)),
-        ("faces, warped", CascadeFit::Faces),
     ];
     let mut pictures = Vec::new();
     for (name, fit) in fits {

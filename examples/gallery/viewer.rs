@@ -153,7 +153,8 @@ fn press_keys(
             commands.entity(sun).remove::<ParallelSplitShadows>();
         } else if fit {
             shadows.fit = match &shadows.fit {
-                CascadeFit::Stable => CascadeFit::Tight,
+                CascadeFit::Stable => CascadeFit::Steady,
+                CascadeFit::Steady => CascadeFit::Tight,
                 CascadeFit::Tight => CascadeFit::Warped(MapWarp::Minimax),
                 _ => CascadeFit::Stable,
             };
@@ -230,7 +231,7 @@ fn write_help(
     let fit = suns
         .iter()
         .next()
-        .map_or(CascadeFit::Stable, |shadows| shadows.fit.clone());
+        .map_or(CascadeFit::Steady, |shadows| shadows.fit.clone());
     let text = format!(
         "1-4  scene: {}\n\
          P  shadows: {shadows}\n\

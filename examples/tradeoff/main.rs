@@ -54,8 +54,8 @@ const RAYS: u32 = 4;
 const FLICKER_POSES: usize = 1;
 
 /// The settings of which alternatives are worked out.
-const TO_BLUR: &str = "stable 2048 2×2";
-const TO_PREFILTER: &str = "stable 2048";
+const TO_BLUR: &str = "steady 2048 2×2";
+const TO_PREFILTER: &str = "steady 2048";
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();

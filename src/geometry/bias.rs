@@ -17,7 +17,7 @@ use glam::{DMat4, DVec2, DVec3};
 
 /// A wall that stands on the receiver's plane rises by no more than this (meters towards the light
 /// per meter across it), as far as it is told from a caster.
-pub const WALL_SLOPE: f64 = 2.75;
+pub const WALL_SLOPE: f64 = 2.0;
 
 /// The receiver's surface bends upwards by no more than one part in so many of a radian within a
 /// texel: under a sun that grazes the ground a texel covers much of it.
@@ -108,7 +108,7 @@ pub struct Bias {
     pub slope: DVec2,
     /// What it rises more per texel where it bends ([`BEND_RECIPROCAL`]).
     pub bend: f64,
-    /// What a wall on it rises within a texel at most, and within a quarter of one
+    /// What a wall on it rises within a texel at most, and within half of one
     /// ([`WALL_SLOPE`]).
     pub wall: f64,
     /// What positions and the plane are rounded by.
@@ -124,7 +124,7 @@ impl Bias {
         let farthest = offset.abs().max_element();
         let rise = self.slope.dot(offset);
         let bent = (rise + self.bend * farthest).min(self.most());
-        let wall = self.wall * (4.0 * farthest).min(1.0);
+        let wall = self.wall * (2.0 * farthest).min(1.0);
         rise + (bent.max(wall) - rise).clamp(0.0, self.most()) + self.rounding
     }
 

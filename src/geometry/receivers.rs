@@ -87,6 +87,7 @@ impl Extent {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Receivers {
     depth: Depth,
+    nearest: f64,
     boxes: Vec<Extent>,
     everywhere: bool,
     fog: bool,
@@ -97,6 +98,7 @@ impl Receivers {
     pub fn new(view: &ViewVolume) -> Self {
         Self {
             depth: Depth::new(view),
+            nearest: view.nearest(),
             boxes: Vec::new(),
             everywhere: false,
             fog: false,
@@ -124,8 +126,7 @@ impl Receivers {
         self.everywhere = true;
     }
 
-    /// Adds what lies in a box. Not if the box is not finite or wholly behind the eye: then nothing
-    /// is seen of it.
+    /// Adds what lies in a box. Not if the box is not finite or wholly before what is seen.
     pub fn add(&mut self, bounds: &OrientedBox) {
         let OrientedBox { center, half_axes } = bounds;
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
@@ -136,7 +137,7 @@ impl Receivers {
             lo: middle - half,
             hi: middle + half,
         };
-        if bounds.is_finite() && bounds.hi.w >= 0.0 {
+        if bounds.is_finite() && bounds.hi.w >= self.nearest {
             self.boxes.push(bounds);
         }
     }

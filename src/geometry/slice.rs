@@ -55,10 +55,20 @@ impl ViewVolume {
     }
 
     /// The part of the volume between two depths, cut to the camera's own near and far planes
-    /// and to what lies before the eye. `None` if nothing is left.
+    /// and, in perspective, to what lies before the eye. `None` if nothing is left.
     pub fn slice(&self, near: f64, far: f64) -> Option<Slice> {
-        let (near, far) = (near.max(self.near).max(0.0), far.min(self.far));
+        let (near, far) = (near.max(self.nearest()), far.min(self.far));
         (near < far).then(|| Slice::new(self, near, far))
+    }
+
+    /// Depth before which nothing is seen (meters): in perspective never behind the eye, where an
+    /// orthographic camera may see.
+    pub fn nearest(&self) -> f64 {
+        if self.is_perspective() {
+            self.near.max(0.0)
+        } else {
+            self.near
+        }
     }
 
     /// The unit vector along which the camera looks, in world space. `None` if it has no axes.

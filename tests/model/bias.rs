@@ -124,10 +124,10 @@ fn the_automatic_bias_has_parts_for_walls_and_bends() {
     let texel = here.texel(size).max_element();
     let of = |normal| automatic(&map, point, normal, DVec3::Y, size).expect("it is lit");
     let texels = |depth: f64| depth / per_meter / texel;
-    // Facing the light: what a wall rises, all of it from a quarter of a texel on, and nothing at the point.
+    // Facing the light: what a wall rises, all of it from half a texel on, and nothing at the point.
     let flat = of(DVec3::Y);
     approx::assert_relative_eq!(texels(flat.at(DVec2::X)), WALL_SLOPE, max_relative = 1e-3);
-    approx::assert_relative_eq!(flat.at(DVec2::X), flat.at(0.25 * DVec2::NEG_Y));
+    approx::assert_relative_eq!(flat.at(DVec2::X), flat.at(0.5 * DVec2::NEG_Y));
     assert_eq!(flat.at(DVec2::ZERO), flat.rounding);
     // Steep, along an axis of the map: uphill the plane's own rise and its bend, downhill a wall.
     let along = here.x.normalize();

@@ -1,6 +1,9 @@
 //! Fits over time: cuts, turns, zooms, and worlds that are moved.
 
-use bevy::math::{DVec3, Quat};
+use bevy::{
+    camera::{OrthographicProjection, Projection},
+    math::{DVec3, Quat, Rect, Vec3},
+};
 use bevy_pssm::{
     geometry::{
         fit::LookupReach, light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers,
@@ -403,4 +406,40 @@ fn steady_maps_change_seldom() {
     let tight = changes(CascadeFit::Tight);
     let [of_steady, of_tight] = [steady, tight].map(|counts| counts[..3].iter().sum::<usize>());
     assert!(10 * of_steady <= of_tight, "{steady:?} {tight:?}");
+}
+
+/// An orthographic camera may see what lies behind its eye.
+#[test]
+fn what_an_orthographic_camera_sees_behind_its_eye_is_covered() {
+    let mut lens = OrthographicProjection::default_3d();
+    lens.near = -200.0;
+    lens.far = 200.0;
+    lens.area = Rect::new(-40.0, -30.0, 40.0, 30.0);
+    let view = volume(&Projection::Orthographic(lens), Vec3::ZERO, Quat::IDENTITY);
+    let behind = DVec3::new(5.0, 3.0, 120.0);
+    let mut receivers = Receivers::new(&view);
+    receivers.add(&OrientedBox {
+        center: behind,
+        half_axes: DMat3::from_diagonal(DVec3::splat(2.0)),
+    });
+    for fit in fits() {
+        let config = with(fit);
+        let inputs = PlanInputs {
+            view: &view,
+            light: &LightFrame::new(DVec3::new(0.3, 0.7, -0.45)).expect("a direction"),
+            config: &config,
+            reach: LookupReach { texels: 3.0 },
+            receivers: &receivers,
+            image_height: 1080.0,
+        };
+        let plans = plan_cascades(&inputs, &mut PlanHistory::default());
+        let map = plans[0].map.as_ref().expect("something is seen");
+        let ndc = map.clip_from_world.project_point3(behind);
+        assert!(
+            ndc.truncate().abs().max_element() < 1.0,
+            "{:?}: {ndc}",
+            config.fit
+        );
+        assert!((0.0..1.0).contains(&ndc.z));
+    }
 }

@@ -126,14 +126,18 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
     };
     let mut settings = Vec::new();
     for (name, fit) in [
-        ("stable", CascadeFit::Stable),
         ("steady", CascadeFit::Steady),
+        ("stable", CascadeFit::Stable),
         ("tight", CascadeFit::Tight),
         ("warped", CascadeFit::Warped(MapWarp::Minimax)),
     ] {
-        // Quickly: one size of the other fits is enough.
-        let skipped = usize::from(quick && fit != CascadeFit::Stable);
-        for size in &sizes[skipped..] {
+        // Of the other fits a few sizes are enough, and quickly one.
+        let sizes = match fit {
+            CascadeFit::Steady => sizes,
+            CascadeFit::Stable => &[2048],
+            _ => &sizes[usize::from(quick)..],
+        };
+        for size in sizes {
             let config = with(&|config| {
                 config.fit = fit.clone();
                 config.map_size = MapSize::Same(*size);
@@ -141,11 +145,11 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             settings.push(Setting::pssm(format!("{name} {size}"), config));
         }
     }
-    let stable = |name: &str, change: &dyn Fn(&mut ParallelSplitShadows)| {
-        Setting::pssm(format!("stable 2048 {name}"), with(change))
+    let steady = |name: &str, change: &dyn Fn(&mut ParallelSplitShadows)| {
+        Setting::pssm(format!("steady 2048 {name}"), with(change))
     };
     for lambda in if quick { &[0.8][..] } else { &[0.7, 0.8, 0.95] } {
-        settings.push(stable(&format!("lambda {lambda}"), &|config| {
+        settings.push(steady(&format!("lambda {lambda}"), &|config| {
             config.splits = SplitScheme::Practical { lambda: *lambda };
         }));
     }
@@ -204,25 +208,25 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         }),
     ]);
     settings.extend([
-        stable("logarithmic", &|config| {
+        steady("logarithmic", &|config| {
             config.splits = SplitScheme::Logarithmic;
         }),
-        stable("no blend", &|config| config.blend = 0.0),
-        stable("no fade", &|config| config.fade = 0.0),
-        stable("3 cascades", &|config| config.cascades = 3),
-        stable("2 cascades", &|config| config.cascades = 2),
+        steady("no blend", &|config| config.blend = 0.0),
+        steady("no fade", &|config| config.fade = 0.0),
+        steady("3 cascades", &|config| config.cascades = 3),
+        steady("2 cascades", &|config| config.cascades = 2),
         Setting::pssm(
-            "stable 4096 halving",
+            "steady 4096 halving",
             with(&|config| config.map_size = MapSize::Halving(4096)),
         ),
         Setting::pssm(
-            "stable 4096 near",
+            "steady 4096 near",
             with(&|config| {
                 config.map_size =
                     MapSize::PerCascade(vec![[4096; 2], [4096; 2], [2048; 2], [2048; 2]]);
             }),
         ),
-        stable("dithered", &|config| {
+        steady("dithered", &|config| {
             config.transition = CascadeTransition::Dither;
         }),
     ]);
@@ -236,7 +240,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             ("temporal", ShadowFilter::Temporal(texels(2.0))),
             ("soft", ShadowFilter::Soft { sun_degrees: 0.53 }),
         ]
-        .map(|(name, filter)| stable(name, &|config| config.filter = filter)),
+        .map(|(name, filter)| steady(name, &|config| config.filter = filter)),
     );
     settings.extend(
         [
@@ -251,7 +255,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
             ("normal offset", ShadowBias::NormalOffset { texels: 3.0 }),
             ("receiver plane", ShadowBias::ReceiverPlane { meters: 0.05 }),
         ]
-        .map(|(name, bias)| stable(name, &|config| config.comparison.bias = bias)),
+        .map(|(name, bias)| steady(name, &|config| config.comparison.bias = bias)),
     );
     settings
 }
