@@ -39,6 +39,9 @@ pub enum Obstacle {
         /// What one light's cascades take.
         needed: u32,
     },
+    /// Shaders cannot load depths texel by texel (OpenGL).
+    #[error("shaders cannot load texels of depth textures on {0}")]
+    DepthLoads(String),
     /// The light uniform has no room for a light and its data.
     #[error("Bevy's light uniform has room for {lights} lights of {cascades} cascades")]
     LightSlots {

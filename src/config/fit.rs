@@ -23,7 +23,8 @@ pub enum CascadeFit {
     /// and jump when it does not.
     Tight,
     /// The smallest box in the view's frame, in perspective, with more texels near the eye:
-    /// sharpest, and edges crawl while the camera moves.
+    /// sharpest, and edges crawl while the camera moves. `Minimax` gives way, cascade by cascade, to
+    /// `Tight` where that has clearly smaller texels on average over what is seen.
     Warped(MapWarp),
     /// One for each cascade, from the nearest on: stable near and warped far, or the reverse.
     PerCascade(Vec<MapFit>),

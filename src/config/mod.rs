@@ -73,14 +73,15 @@ pub struct ParallelSplitShadows {
     pub near: f32,
     /// Where shadows end (meters from the eye, above [`near`](Self::near)). Farther costs
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
-    /// plain sight. Default 500 m, and if both are at their defaults, the range of the light's own
-    /// `CascadeShadowConfig` where the game has set one. Fits other than `Stable` spread their
-    /// cascades over the part of the range in which something is seen.
+    /// plain sight. Default 500 m, and if both are at their defaults, the range that the light's own
+    /// `CascadeShadowConfig` had when the component was added, where the game had set one. Unless a map
+    /// is `Stable`, splits are `Manual` or focus is off, cascades are spread over the part of the range
+    /// in which something is seen.
     #[reflect(@0.0..=MAX_DISTANCE)]
     pub far: f32,
     /// Where cascades end in between, at no cost. Too little near the eye shows as blocky shadows
     /// there, too much as blurry ones far away. Default `Practical { lambda: 0.9 }`, with the first
-    /// split at 17 m.
+    /// split at 17 m where something is seen over the whole range.
     pub splits: SplitScheme,
     /// Share of each slice, at its far end, over which one cascade is blended into the next
     /// (0 to 0.5). Pixels there sample two maps; 0 shows a hard line where sharpness changes.
@@ -97,8 +98,8 @@ pub struct ParallelSplitShadows {
     pub fit: CascadeFit,
     /// How much larger than needed fitted maps, the boxes that they are fitted to and the range of
     /// depths that is split may be, so as not to change with every frame (share, 0 to 1). 0 is
-    /// sharpest and crawls whenever anything moves. Of [`CascadeFit::Stable`] it is the step in which
-    /// zooms change maps. Default 0.1.
+    /// sharpest and crawls whenever anything moves. Zooms change
+    /// [`CascadeFit::Stable`] maps in steps of the root of `1 + slack`. Default 0.1.
     #[reflect(@0.0..=1.0_f32)]
     pub slack: f32,
     /// Texels of each cascade's map. Default `Same(2048)`: 16 MiB and one clear each, for every
@@ -167,7 +168,8 @@ impl ParallelSplitShadows {
         let mut over_own = self.clone();
         let default = Self::default();
         let is_ours_set = [self.near, self.far] != [default.near, default.far];
-        let is_own_set = own.bounds != CascadeShadowConfig::default().bounds;
+        let is_own_set = own.bounds != CascadeShadowConfig::default().bounds
+            && !matches!(self.splits, SplitScheme::Manual(_));
         if let ([first, .., last], false, true) = (&own.bounds[..], is_ours_set, is_own_set) {
             // Bevy's splits are logarithmic from the first on.
             let ratio = (last / first).powf(1.0 / (own.bounds.len() - 1) as f32);

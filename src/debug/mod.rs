@@ -23,8 +23,9 @@ pub enum ShadowOverlay {
     Light,
     /// The cascade by the same colors.
     Cascade,
-    /// The bias in texels, towards the light: 0.1 (linear) is one texel. What goes along the
-    /// normal instead, beyond 3, is not shown, nor is what goes away from the light.
+    /// The most by which a texel next to the point may be nearer to the light and still be the surface
+    /// itself, in texels: 0.1 (linear) is one. What goes along the normal instead, where planes rise by
+    /// more than 16, is not shown.
     Bias,
     /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
     /// one, texels show.

@@ -11,12 +11,13 @@
 //! ([`MapDerivatives`]), and `n` the plane's normal. The depth's slopes `a` and `b` along the map's
 //! axes are those for which `Z − aX − bY` is parallel to `n`, that is
 //! `a = Z·(Y × n) / X·(Y × n)` and `b = Z·(n × X) / X·(Y × n)`. `shaders/receiver.wesl` and
-//! `shaders/filter.wesl` do the same on the GPU.
+//! `shaders/filter.wesl` do the same on the GPU, which also lifts lookups where light runs out on
+//! smooth-shaded meshes ([`FACETS`]): that takes the shading normal.
 
 use glam::{DMat4, DVec2, DVec3};
 
-/// A wall that stands on the receiver's plane rises by no more than this (meters towards the light
-/// per meter across it), as far as it is told from a caster.
+/// A wall that stands on the receiver's plane may rise by so many texels' size towards the light,
+/// which it reaches half a texel away, before it is taken for a caster.
 pub const WALL_SLOPE: f64 = 2.0;
 
 /// The receiver's surface bends upwards by no more than one part in so many of a radian within a
@@ -34,7 +35,7 @@ pub const FACETS: u32 = 3;
 
 /// Planes that rise by more than this (meters towards the light per meter across it) are taken to
 /// rise by no more, for they end soon: the rest of what they need goes along the surface's normal,
-/// where it takes less than a texel.
+/// where it takes a texel or so.
 pub const STEEPEST_SLOPE: u32 = 16;
 
 /// Planes that rise by more than this (meters towards the light per meter across it) end before they
@@ -108,7 +109,7 @@ pub struct Bias {
     pub slope: DVec2,
     /// What it rises more per texel where it bends ([`BEND_RECIPROCAL`]).
     pub bend: f64,
-    /// What a wall on it rises within a texel at most, and within half of one
+    /// What a wall on it may rise at most: evenly up to half a texel away, and no more beyond
     /// ([`WALL_SLOPE`]).
     pub wall: f64,
     /// What positions and the plane are rounded by.

@@ -30,7 +30,7 @@ impl Hold {
         steps: 4.0,
     };
 
-    /// Ten seconds, for what is to change as seldom as can be.
+    /// Ten seconds at 60 frames per second, for what is to change as seldom as can be.
     pub const LONG: Self = Self {
         frames: 600,
         ..Self::SHORT

@@ -82,6 +82,7 @@ pub(super) fn fit(
         return (warped_or_tight(inputs, volume, index, kept), 0.0);
     }
     let (CascadeFit::Auto { sharpness }, Some(volume)) = (&inputs.config.fit, volume) else {
+        let kept = kept.filter(|_| inputs.config.fit.chooses());
         return (kept.unwrap_or(first), 0.0);
     };
     // How much finer a fit must be to be worth its edges' crawling.
@@ -137,7 +138,7 @@ pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usi
     if config.fit == CascadeFit::Faces {
         // The number of faces changes with the direction of light and view. Once there have been
         // many, slices stay as few as those leave, or shadows would change to and fro.
-        return kept.unwrap_or(all);
+        return kept.unwrap_or(config.cascades as usize);
     }
     if !config.fit.chooses() || matches!(config.splits, SplitScheme::Manual(_)) {
         return all;

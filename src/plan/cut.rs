@@ -8,7 +8,8 @@ use crate::geometry::slice::ViewVolume;
 /// Faster turns are cuts (cosine of ten degrees from frame to frame).
 const LEAST_COSINE: f64 = 0.984_807_753;
 
-/// Faster moves are cuts (share of the first slice's depth from frame to frame).
+/// Faster moves are cuts (share of the depth of the first slice, as set or as it was, from frame to
+/// frame).
 const MOST_MOVE: f64 = 0.5;
 
 /// Faster zooms are cuts (times from frame to frame).
@@ -22,14 +23,20 @@ pub(super) fn relative_to(view: &ViewVolume, origin: DVec3) -> ViewVolume {
     }
 }
 
-/// Whether one view follows on the other by a cut. Both from the grids' origin.
-pub(super) fn is_cut(inputs: &PlanInputs, last: &ViewVolume, view: &ViewVolume) -> bool {
+/// Whether one view follows on the other by a cut. Both from the grids' origin; `first_plane` is where the
+/// first slice ended in the other.
+pub(super) fn is_cut(
+    inputs: &PlanInputs,
+    last: &ViewVolume,
+    view: &ViewVolume,
+    first_plane: f64,
+) -> bool {
     let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
         return true;
     };
     let cascades = inputs.config.cascades as usize;
     let planes = split_planes(&inputs.config.splits, inputs.near(), inputs.far(), cascades);
-    let depth = planes[1];
+    let depth = planes[1].max(first_plane.min(inputs.far()));
     let zoom = (view.image_height(depth) / last.image_height(depth))
         .ln()
         .abs();

@@ -117,9 +117,10 @@ impl Layout {
             let found = inputs.receivers.in_slices(slices);
             for (index, (volume, kept)) in volumes.iter_mut().zip(kept).enumerate() {
                 let found = found[self.slice(index)];
+                let is_steady = inputs.config.fit.of_cascade(index).next() == Some(MapFit::Steady);
                 *volume = volume
                     .take()
-                    .and_then(|volume| volume.focused(inputs, found, kept));
+                    .and_then(|volume| volume.focused(inputs, found, is_steady, kept));
             }
         }
         let in_wedge = |(index, volume): (usize, Option<CascadeVolume>)| match self.wedge(index) {
@@ -184,10 +185,13 @@ pub(super) fn split_range(inputs: &PlanInputs, kept: &mut KeptRange) -> [f64; 2]
         return whole;
     }
     // Where maps may be stable, planes should be, too.
-    let least_slack = match inputs.config.fit {
-        CascadeFit::Steady => STEADY_SLACK,
-        CascadeFit::Auto { .. } => MIN_STABLE_SLACK,
-        _ => 0.0,
+    let fit = &inputs.config.fit;
+    let least_slack = if fit.any(|fit| fit == MapFit::Steady) {
+        STEADY_SLACK
+    } else if fit.chooses() {
+        MIN_STABLE_SLACK
+    } else {
+        0.0
     };
     let slack = Slack(inputs.slack().0.max(least_slack));
     // Shares of depths where those differ much, and of their difference where not.

@@ -28,7 +28,7 @@ pub(super) struct PlacedMap {
     strength: f64,
 }
 
-/// `kept` is the extent of a tight map (meters).
+/// `kept` is the extent of a steady or tight map (meters).
 pub(super) fn place(
     inputs: &PlanInputs,
     volume: &CascadeVolume,

@@ -18,7 +18,7 @@ pub use warp::{warp_direction, warp_frame};
 use glam::{DMat4, DVec2, UVec2};
 
 use crate::{
-    config::{CascadeFit, MAX_CASCADES, MapFit, ParallelSplitShadows},
+    config::{MAX_CASCADES, MapFit, ParallelSplitShadows},
     geometry::{
         aliasing::Aliasing,
         face::Wedge,
@@ -128,6 +128,8 @@ pub struct PlanHistory {
     config: Option<ParallelSplitShadows>,
     /// The view that it was last made for, from the grids' origin.
     view: Option<ViewVolume>,
+    /// Depth at which the first slice ended then.
+    first_plane: f64,
     /// Depths between which splits are spread, and what is held of them.
     range: Option<[f64; 2]>,
     kept_range: KeptRange,
@@ -142,13 +144,14 @@ impl PlanHistory {
             config: Some(config.clone()),
             ..Self::default()
         };
-        if config.fit == CascadeFit::Steady {
+        if config.fit.any(|fit| fit == MapFit::Steady) {
             history.kept_range = KeptRange::with(Hold {
                 steps: 2.0,
                 ..Hold::LONG
             });
             for cascade in &mut history.cascades {
                 cascade.extent = [Kept::with(Hold::LONG); 2];
+                cascade.size = [Kept::with(Hold::LONG); 2];
             }
         }
         history
@@ -161,7 +164,7 @@ struct CascadeHistory {
     bounds: [Kept<[f64; 2]>; 3],
     /// Of the same, in depth.
     depths: [Kept<f64>; 2],
-    /// Of a tight map (meters).
+    /// Of a steady or tight map (meters).
     extent: [Kept<f64>; 2],
     fit: Option<MapFit>,
     /// Of a map from a budget (texels).
@@ -187,7 +190,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     if history
         .view
         .replace(view)
-        .is_some_and(|last| cut::is_cut(inputs, &last, &view))
+        .is_some_and(|last| cut::is_cut(inputs, &last, &view, history.first_plane))
     {
         *history = PlanHistory {
             view: Some(view),
@@ -198,6 +201,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
     let slices = choose::slice_count(inputs, range, history.slices);
     let layout = Layout::new(inputs, range, slices);
     // Cascades of other slices have nothing to hold on to.
+    let slices = layout.slices();
     let is_same = history.range.replace(range) == Some(range) && history.slices == Some(slices);
     if !is_same {
         history
@@ -205,7 +209,8 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
             .iter_mut()
             .for_each(CascadeHistory::forget_slice);
     }
-    history.slices = Some(layout.slices());
+    history.slices = Some(slices);
+    history.first_plane = layout.interval(0).1;
 
     let kept = &mut history.cascades;
     let volumes = layout.volumes(inputs, kept);

@@ -3,7 +3,6 @@
 use glam::{DVec3, DVec4};
 
 use super::{CascadeHistory, PlanInputs};
-use crate::config::CascadeFit;
 use crate::geometry::{
     body::ConvexBody,
     face::Wedge,
@@ -46,13 +45,14 @@ impl CascadeVolume {
         self,
         inputs: &PlanInputs,
         found: Extent,
+        is_steady: bool,
         history: &mut CascadeHistory,
     ) -> Option<Self> {
         if found.is_empty() {
             return None;
         }
         // A steady map's extent is held, not what it is fitted to.
-        let found = if inputs.config.fit == CascadeFit::Steady {
+        let found = if is_steady {
             padded(found, self.slice.radius)
         } else {
             kept_extent(inputs, found, self.slice.radius, history)

@@ -31,7 +31,9 @@ use bevy::{
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
-        render_resource::ShaderType, renderer::RenderDevice, settings::WgpuFeatures,
+        render_resource::ShaderType,
+        renderer::{RenderAdapterInfo, RenderDevice},
+        settings::{Backends, WgpuFeatures},
     },
 };
 
@@ -140,6 +142,13 @@ pub(crate) fn finish(app: &mut App) {
             lights: MAX_DIRECTIONAL_LIGHTS,
             cascades: MAX_CASCADES_PER_LIGHT,
         });
+    }
+    let adapter = app
+        .get_sub_app(RenderApp)
+        .and_then(|render_app| render_app.world().get_resource::<RenderAdapterInfo>());
+    if let Some(adapter) = adapter.filter(|adapter| Backends::from(adapter.backend) == Backends::GL)
+    {
+        support.refuse(Obstacle::DepthLoads(adapter.name.clone()));
     }
     let found = GpuDirectionalLight::min_size().get();
     if found != expected {

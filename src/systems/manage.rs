@@ -43,7 +43,8 @@ pub struct ManagedLight {
 pub struct SwitchedOff;
 
 impl ManagedLight {
-    /// The configuration in force: the last good one, without warps where the GPU cannot draw them,
+    /// The configuration in force: the last good one, over the light's own range where ours is left at
+    /// its default, without warps where the GPU cannot draw them,
     /// and stable over whole slices where Bevy's pass draws the cascades. `None` while Bevy's own
     /// shadows are in force.
     pub fn config(&self) -> Option<&ParallelSplitShadows> {
@@ -69,9 +70,16 @@ impl ManagedLight {
         let last_good = self.last_good.as_ref()?;
         let built_in = self.built_in.as_ref();
         let own = built_in.map_or(cascade_config, |built_in| &built_in.cascade_config);
+        // Published by another light of these settings, and copied: no range of the game's.
+        let is_published = is_same_config(own, &published_config(last_good));
+        let over_range = if is_published {
+            last_good.clone()
+        } else {
+            last_good.over_range_of(own)
+        };
         self.in_force = Some(ParallelSplitShadows {
             fit: drawable_fit(&last_good.fit, support),
-            ..last_good.over_range_of(own)
+            ..over_range
         });
         self.in_force.as_ref()
     }

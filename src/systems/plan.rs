@@ -47,8 +47,8 @@ pub struct ShadowPlans {
 }
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
-/// camera saw before. Turns by more than ten degrees from frame to frame, moves by more than half the
-/// first cascade's depth and zooms by more than a quarter are taken for cuts without it.
+/// camera saw before. Turns by more than ten degrees, moves by more than half the first cascade's depth
+/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it.
 ///
 /// ```
 /// # use bevy::prelude::*;

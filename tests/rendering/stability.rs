@@ -124,6 +124,9 @@ fn a_slow_pan_flips_nothing() {
     let stable = pan(CascadeFit::Stable, 0.1);
     assert!(stable.followed > 5000, "{stable:?}");
     assert_eq!(stable.flipped, 0, "{stable:?}");
+    let steady = pan(CascadeFit::Steady, 0.1);
+    assert!(steady.followed > 5000, "{steady:?}");
+    assert_eq!(steady.flipped, 0, "{steady:?}");
     // The test can see crawling: a map that follows the view does crawl.
     let tight = pan(CascadeFit::Tight, 0.0);
     assert!(tight.flipped > 5, "{tight:?}");
