@@ -34,7 +34,8 @@
 //! - `RenderDiagnosticsPlugin` reports each map as `pssm_shadow_map_0` and so on.
 //!
 //! # Limits
-//! - WebGL2 has no array textures: there the plugin steps back and Bevy's shadows stay.
+//! - WebGL2 has no array textures, and OpenGL's shaders cannot load depths texel by texel: there the
+//!   plugin steps back and Bevy's shadows stay.
 //! - Bevy's light uniform has ten slots; each managed light uses one more of them. With so many
 //!   lights, or maps for so many cameras, that slots or texture layers run out, the plugin says
 //!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
