@@ -23,7 +23,6 @@ pub(crate) use filter::{GAUSSIAN_TEXELS, MAX_SUN_DEGREES, TEMPORAL_TEXELS};
 use bevy::{
     asset::Asset,
     ecs::{component::Component, reflect::ReflectComponent},
-    light::CascadeShadowConfig,
     reflect::{Reflect, ReflectDeserialize, ReflectSerialize, std_traits::ReflectDefault},
 };
 use serde::{Deserialize, Serialize};
@@ -160,30 +159,6 @@ impl ParallelSplitShadows {
         self.map_size.validate(self.cascades, max_map_size)?;
         self.filter.validate()?;
         self.comparison.bias.validate()
-    }
-
-    /// These settings over the range that the light's own configuration has, if the game has set one
-    /// and has left ours at its default.
-    pub(crate) fn over_range_of(&self, own: &CascadeShadowConfig) -> Self {
-        let mut over_own = self.clone();
-        let default = Self::default();
-        let is_ours_set = [self.near, self.far] != [default.near, default.far];
-        let is_own_set = own.bounds != CascadeShadowConfig::default().bounds
-            && !matches!(self.splits, SplitScheme::Manual(_));
-        if let ([first, .., last], false, true) = (&own.bounds[..], is_ours_set, is_own_set) {
-            // Bevy's splits are logarithmic from the first on.
-            let ratio = (last / first).powf(1.0 / (own.bounds.len() - 1) as f32);
-            over_own.near = first / ratio;
-            over_own.far = *last;
-        } else if let ([last], false, true) = (&own.bounds[..], is_ours_set, is_own_set) {
-            over_own.near = self.near.min(0.1 * last);
-            over_own.far = *last;
-        }
-        if over_own.validate(u32::MAX).is_ok() {
-            over_own
-        } else {
-            self.clone()
-        }
     }
 
     /// Whether all maps have square texels.

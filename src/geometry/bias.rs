@@ -126,7 +126,7 @@ impl Bias {
         let rise = self.slope.dot(offset);
         let bent = (rise + self.bend * farthest).min(self.most());
         let wall = self.wall * (2.0 * farthest).min(1.0);
-        rise + (bent.max(wall) - rise).clamp(0.0, self.most()) + self.rounding
+        rise + (bent.max(wall) - rise).min(self.most()).max(0.0) + self.rounding
     }
 
     /// What the plane rises within a texel along both axes, or a wall: beyond the plane, no
@@ -151,6 +151,9 @@ pub fn automatic(
     let sizes = map.texel(map_size);
     let per_meter = map.z.dot(to_light).abs();
     let texel_depth = sizes.max_element() * per_meter;
+    if !(texel_depth > 0.0 && texel_depth.is_finite()) {
+        return None;
+    }
     let whole_steepness = whole_slope.abs().element_sum();
     let steepness = whole_steepness.min(f64::from(STEEPEST_SLOPE) * texel_depth);
     let slope = whole_slope * (steepness / whole_steepness.max(f64::MIN_POSITIVE));

@@ -91,13 +91,20 @@ pub fn steady(
         slack.round_up(half(light.x).max(MIN_EXTENT), across),
         slack.round_up(half(light.y).max(MIN_EXTENT), up),
     );
-    let guard = 1.0 + 2.0 * reach.texels;
-    let extent = extent * size / usable(size, guard);
-    let texel = 2.0 * extent / size;
+    let half = extent.extend(half(light.z));
+    around(light.light_from_world(center), half, size, reach, true)
+}
+
+/// The box around a center and half an extent in the light's frame, with a guard for what lookups
+/// reach beyond it and, where it `snaps` to the texel grid, for the texel that it then moves.
+fn around(center: DVec3, half: DVec3, size: DVec2, reach: LookupReach, snaps: bool) -> MapBox {
+    let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
+    let across = half.truncate() * size / usable(size, guard);
+    let texel = 2.0 * across / size;
     let cell = texel.extend(texel.max_element());
     MapBox {
-        center: snapped(light.light_from_world(center), cell),
-        half: extent.extend(half(light.z) + (reach.texels + 0.5) * cell.z),
+        center: if snaps { snapped(center, cell) } else { center },
+        half: across.extend(half.z + (reach.texels + 0.5) * cell.z),
         texel,
     }
 }
@@ -148,17 +155,8 @@ pub fn tight(
         slack.round_up(extent.x, across),
         slack.round_up(extent.y, up),
     );
-    let snaps = slack.0 > 0.0;
-    let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
-    let half = 0.5 * rounded * size / usable(size, guard);
-    let texel = 2.0 * half / size;
-    let center = (lo + hi) * 0.5;
-    let cell = texel.extend(texel.max_element());
-    MapBox {
-        center: if snaps { snapped(center, cell) } else { center },
-        half: half.extend(0.5 * extent.z + (reach.texels + 0.5) * cell.z),
-        texel,
-    }
+    let half = (0.5 * rounded).extend(0.5 * extent.z);
+    around((lo + hi) * 0.5, half, size, reach, slack.0 > 0.0)
 }
 
 /// Texels left for the slice once the guard is taken off; at least half the map.

@@ -1,9 +1,12 @@
-//! What a light's own fields say of its lookups.
+//! What a light's own fields say of its lookups, and its own configuration of its range.
 
-use bevy::{light::DirectionalLight, reflect::structs::GetField};
+use bevy::{
+    light::{CascadeShadowConfig, DirectionalLight},
+    reflect::structs::GetField,
+};
 
 use crate::{
-    config::{MAX_SUN_DEGREES, ParallelSplitShadows, ShadowBias, ShadowFilter},
+    config::{MAX_SUN_DEGREES, ParallelSplitShadows, ShadowBias, ShadowFilter, SplitScheme},
     geometry::fit::LookupReach,
 };
 
@@ -57,4 +60,37 @@ pub fn bias_scales(light: &DirectionalLight) -> [f64; 2] {
         let ratio = f64::from(value) / f64::from(default);
         if ratio.is_finite() { ratio } else { 1.0 }
     })
+}
+
+/// A configuration over the range that the light's own has, if the game has set that one and has left
+/// ours at its default. As it is where that makes no range.
+pub fn over_own_range(
+    config: &ParallelSplitShadows,
+    own: &CascadeShadowConfig,
+) -> ParallelSplitShadows {
+    let default = ParallelSplitShadows::default();
+    let is_set = [config.near, config.far] != [default.near, default.far]
+        || matches!(config.splits, SplitScheme::Manual(_));
+    let [near, far] = match own.bounds[..] {
+        _ if is_set || own.bounds == CascadeShadowConfig::default().bounds => {
+            return config.clone();
+        }
+        // Bevy's splits are logarithmic from the first on.
+        [first, .., last] => {
+            let ratio = (last / first).powf(1.0 / (own.bounds.len() - 1) as f32);
+            [first / ratio, last]
+        }
+        [last] => [config.near.min(0.1 * last), last],
+        [] => return config.clone(),
+    };
+    let over_own = ParallelSplitShadows {
+        near,
+        far,
+        ..config.clone()
+    };
+    if over_own.validate(u32::MAX).is_ok() {
+        over_own
+    } else {
+        config.clone()
+    }
 }

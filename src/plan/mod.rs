@@ -11,7 +11,7 @@ mod split;
 mod volume;
 mod warp;
 
-pub use lookup::{bias_scales, filter_of, lookup_reach};
+pub use lookup::{bias_scales, filter_of, lookup_reach, over_own_range};
 pub use split::split_planes;
 pub use warp::{warp_direction, warp_frame};
 

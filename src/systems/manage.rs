@@ -21,6 +21,7 @@ use bevy::{
 use super::{CasterCascades, ShadowPlans, publish::published_config};
 use crate::{
     config::{CascadeFit, ParallelSplitShadows, ShadowPreset},
+    plan::over_own_range,
     support::ShadowSupport,
 };
 
@@ -75,7 +76,7 @@ impl ManagedLight {
         let over_range = if is_published {
             last_good.clone()
         } else {
-            last_good.over_range_of(own)
+            over_own_range(last_good, own)
         };
         self.in_force = Some(ParallelSplitShadows {
             fit: drawable_fit(&last_good.fit, support),

@@ -30,6 +30,15 @@ fn look(studio: &mut Studio) -> View {
     studio.survey(&[stance], effort, || ()).remove(0)
 }
 
+fn defer(studio: &mut Studio) {
+    let camera = studio.camera;
+    let world = studio.world();
+    world.insert_resource(DefaultOpaqueRendererMethod::deferred());
+    world
+        .entity_mut(camera)
+        .insert((DepthPrepass, DeferredPrepass));
+}
+
 /// A setting to check, and how far its filter reads (texels).
 struct Variation {
     name: String,
@@ -302,13 +311,8 @@ fn the_terminator_is_smooth() {
         (Case::Ridges, true),
     ] {
         let mut studio = case_studio(case);
-        let camera = studio.camera;
         if is_deferred {
-            let world = studio.world();
-            world.insert_resource(DefaultOpaqueRendererMethod::deferred());
-            world
-                .entity_mut(camera)
-                .insert((DepthPrepass, DeferredPrepass));
+            defer(&mut studio);
         }
         let view = look(&mut studio);
         let mut dark = |name: String, setting: Setting| {
@@ -372,12 +376,7 @@ fn deferred() {
         ),
     ] {
         let mut studio = case_studio(case);
-        let camera = studio.camera;
-        let world = studio.world();
-        world.insert_resource(DefaultOpaqueRendererMethod::deferred());
-        world
-            .entity_mut(camera)
-            .insert((DepthPrepass, DeferredPrepass));
+        defer(&mut studio);
         let view = look(&mut studio);
         for variation in variations().into_iter().take(5) {
             let name = format!("deferred_{case:?}_{}", variation.name);
