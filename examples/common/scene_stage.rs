@@ -26,7 +26,8 @@ pub struct SceneStage {
     pub sun: Entity,
     /// What the scene was built from.
     pub description: SceneDescription,
-    ground: Ground,
+    /// What everything stands on.
+    pub ground: Ground,
 }
 
 /// The plugin's settings while Bevy's own shadows are shown.

@@ -40,8 +40,9 @@ use scene::ScenesPlugin;
 use scene_stage::SceneStage;
 use study::{
     flicker::Motion,
+    paths::{FOLLOWED, LOOKED_AT, Path, PathRow},
     pictures,
-    row::Row,
+    row::{Row, rounded},
     run::{Effort, Outcome, View},
     settings::{Setting, Stock, grid, map_sizes},
     studio::{Stance, Studio, linear_camera, measurable_app},
@@ -126,10 +127,12 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
 fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
     let poses = arguments.poses(scene.description.camera.poses.len());
     let motions = FLICKER_POSES.min(poses) * Motion::ALL.len() * arguments.frames as usize;
-    let own = if arguments.shadows.is_empty() {
-        grid(&ParallelSplitShadows::default(), arguments.quick).len()
-    } else {
+    let own = if !arguments.shadows.is_empty() {
         arguments.shadows.len()
+    } else if arguments.paths {
+        FOLLOWED.len()
+    } else {
+        grid(&ParallelSplitShadows::default(), arguments.quick).len()
     };
     let (stock, tuning) = match arguments.baseline {
         Baseline::Bevy => (
@@ -138,7 +141,12 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
         ),
         Baseline::None => (0, 0),
     };
-    2 * poses + (own + stock) * (poses + motions) + tuning
+    let along = if arguments.paths {
+        own * Path::ALL.len() * LOOKED_AT
+    } else {
+        0
+    };
+    2 * poses + (own + stock) * (poses + motions) + tuning + along
 }
 
 fn load(arguments: &Arguments, scene: &NamedScene) -> Result<SceneStage, String> {
@@ -181,6 +189,7 @@ fn measure_scene(
     let preset = world.get::<ParallelSplitShadows>(stage.sun).cloned();
     let preset = preset.unwrap_or_default();
 
+    let ground = stage.ground.clone();
     let size = arguments.picture_size();
     let mut studio = Studio::new(stage.headless, stage.camera, stage.sun, size);
     let start = studio.stance();
@@ -220,8 +229,13 @@ fn measure_scene(
         }
     }
 
+    if arguments.paths && wanted.is_empty() {
+        settings.retain(|setting| FOLLOWED.contains(&setting.name.as_str()));
+    }
+
     let mut report = SceneReport {
         name: name.clone(),
+        paths: Vec::new(),
         settings: Vec::new(),
         rows: Vec::new(),
         worst_pose: Vec::new(),
@@ -244,7 +258,49 @@ fn measure_scene(
         report.worst_pose.push(worst);
         report.settings.push(setting);
     }
+    if arguments.paths {
+        let ground = |x: f32, z: f32| ground.height(x, z);
+        report.paths = follow(
+            name,
+            &mut studio,
+            &stances,
+            &ground,
+            &report.settings,
+            progress,
+        );
+    }
     Ok(report)
+}
+
+/// Steadiness and accuracy of settings along all paths.
+fn follow(
+    scene: &str,
+    studio: &mut Studio,
+    poses: &[Stance],
+    ground: &dyn Fn(f32, f32) -> f32,
+    settings: &[Setting],
+    progress: &mut Progress,
+) -> Vec<PathRow> {
+    progress.say(&format!("{scene}: tracing rays along paths"));
+    let tracer = studio.tracer(&poses[0]);
+    let routes = Path::ALL.map(|(name, path)| (name, studio.explore(path, &tracer, poses, ground)));
+    let mut rows = Vec::new();
+    for setting in settings {
+        progress.say(&format!("{scene}: {} along paths", setting.name));
+        studio.apply(setting);
+        for (path, route) in &routes {
+            let found = studio.travel(route, setting, || progress.step());
+            rows.push(PathRow {
+                scene: scene.to_owned(),
+                setting: setting.name.clone(),
+                path,
+                changed_pct_per_second: rounded(found.changed_pct),
+                grid_changes: found.grid_changes,
+                wrong_pct: rounded(found.wrong_pct),
+            });
+        }
+    }
+    rows
 }
 
 fn worst_pose(views: &[View], outcome: &Outcome) -> usize {

@@ -8,6 +8,7 @@ use crate::{
     plot,
     study::{
         alternatives::Alternative,
+        paths::{Path as CameraPath, PathRow},
         row::{COLUMNS, Row},
         settings::{Setting, Technique},
     },
@@ -26,6 +27,8 @@ pub struct SceneReport {
     pub settings: Vec<Setting>,
     /// The figures.
     pub rows: Vec<Row>,
+    /// Steadiness along paths, if asked for.
+    pub paths: Vec<PathRow>,
     /// By row: the pose where it is worst, whose pictures are kept.
     pub worst_pose: Vec<usize>,
     /// What the plugin does not have.
@@ -39,6 +42,14 @@ pub struct SceneReport {
 pub fn write_csv(out: &Path, scenes: &[SceneReport]) -> Result<(), Box<dyn Error>> {
     let mut csv = csv::Writer::from_path(out.join("results.csv"))?;
     for row in scenes.iter().flat_map(|scene| &scene.rows) {
+        csv.serialize(row)?;
+    }
+    csv.flush()?;
+    if scenes.iter().all(|scene| scene.paths.is_empty()) {
+        return Ok(());
+    }
+    let mut csv = csv::Writer::from_path(out.join("paths.csv"))?;
+    for row in scenes.iter().flat_map(|scene| &scene.paths) {
         csv.serialize(row)?;
     }
     csv.flush()?;
@@ -162,7 +173,41 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
         )?;
     }
     text.push('\n');
+    write_paths(text, scene)?;
     write_recommendations(text, scene)
+}
+
+fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {
+    if scene.paths.is_empty() {
+        return Ok(());
+    }
+    text.push_str(
+        "Along paths of ten seconds: points whose answer changes though their truth does not, in \
+         percent per second · frames, of 600, in which texels do not stay where they were · wrong \
+         pixels (percent).\n\n| setting |",
+    );
+    for (name, _) in CameraPath::ALL {
+        write!(text, " {name} |")?;
+    }
+    writeln!(text, "\n|---{}|", "|---".repeat(CameraPath::ALL.len()))?;
+    for rows in scene.paths.chunk_by(|a, b| a.setting == b.setting) {
+        write!(text, "| {} |", rows[0].setting)?;
+        for row in rows {
+            let PathRow {
+                changed_pct_per_second,
+                grid_changes,
+                wrong_pct,
+                ..
+            } = row;
+            write!(
+                text,
+                " {changed_pct_per_second:.3} · {grid_changes} · {wrong_pct:.2} |"
+            )?;
+        }
+        text.push('\n');
+    }
+    text.push('\n');
+    Ok(())
 }
 
 /// `pssm stable 2048`, `bevy 2048 tuned`.

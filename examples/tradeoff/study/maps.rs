@@ -14,6 +14,8 @@ use super::accuracy::Truth;
 
 /// A map and the depths it is for.
 pub struct Map {
+    /// Which of the light's cascades.
+    pub cascade: usize,
     /// World space to its clip space.
     pub clip_from_world: DMat4,
     axes: [DVec3; 2],
@@ -23,6 +25,14 @@ pub struct Map {
     pub far: f64,
     /// Worst over the cascade's slice, in texels across a pixel of a picture so many pixels high.
     predicted: Option<f64>,
+}
+
+impl Map {
+    /// Where a point falls (texels).
+    pub fn texel_at(&self, point: DVec3) -> DVec2 {
+        let ndc = self.clip_from_world.project_point3(point).truncate();
+        (0.5 + 0.5 * ndc) * self.size
+    }
 }
 
 /// The maps of the last frame, the plugin's or Bevy's. Predictions start at the depth `near`:
@@ -35,10 +45,11 @@ pub fn maps_of(world: &World, camera: Entity, sun: Entity, near: f64, height: f6
     let Some(plans) = plans else {
         return stock_maps(world, camera, sun, near, height).unwrap_or_default();
     };
-    let of_plan = |plan: &CascadePlan| {
+    let of_plan = |(cascade, plan): (usize, &CascadePlan)| {
         let map = plan.map.as_ref()?;
         let axis = |axis: DVec4| axis.truncate().normalize();
         Some(Map {
+            cascade,
             clip_from_world: map.clip_from_world,
             axes: [
                 axis(map.world_from_cascade.x_axis),
@@ -49,7 +60,7 @@ pub fn maps_of(world: &World, camera: Entity, sun: Entity, near: f64, height: f6
             predicted: plan.texels_per_pixel(height),
         })
     };
-    plans.iter().filter_map(of_plan).collect()
+    plans.iter().enumerate().filter_map(of_plan).collect()
 }
 
 fn stock_maps(
@@ -84,6 +95,7 @@ fn stock_maps(
             .and_then(|slice| Aliasing::over(&clip_from_world, axes, &slice.vertices()))
             .map(|worst| worst.pixels_per_texel(size, height).max_element().recip());
         Map {
+            cascade: index,
             clip_from_world,
             axes,
             size,

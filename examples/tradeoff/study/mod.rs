@@ -10,6 +10,7 @@ pub mod faults;
 pub mod flicker;
 pub mod gather;
 pub mod maps;
+pub mod paths;
 pub mod pictures;
 pub mod row;
 pub mod run;

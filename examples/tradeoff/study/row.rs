@@ -244,7 +244,7 @@ impl Row {
 }
 
 /// To four decimals: enough for a pixel in a million.
-fn rounded(value: f64) -> f64 {
+pub fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 

@@ -115,7 +115,7 @@ impl Studio {
     }
 
     /// Has maps forget what they hold on to, as from place to place.
-    fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         let sun = self.sun;
         if let Some(mut plans) = self.world().get_mut::<ShadowPlans>(sun) {
             *plans = ShadowPlans::default();

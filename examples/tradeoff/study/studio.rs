@@ -193,6 +193,22 @@ impl Studio {
         let mut cost = Frame::of(world, gpu, camera, sun, ours);
         cost.cpu = time_systems(world, ours);
         self.cost = cost;
+        self.develop()
+    }
+
+    /// The next frame, and no costs: systems run once.
+    pub fn expose(&mut self) -> Picture {
+        self.headless.step();
+        self.develop()
+    }
+
+    /// A frame that is not drawn, but in which maps are laid.
+    pub fn pass(&mut self, stance: &Stance) {
+        self.place(stance);
+        self.headless.app.main_mut().update();
+    }
+
+    fn develop(&self) -> Picture {
         let bytes = self.headless.read_back();
         let channel = |pair: [u8; 2]| f16::from_le_bytes(pair).to_f32();
         let pixels = bytes.as_chunks::<8>().0.iter();

@@ -11,7 +11,7 @@ use bevy::{
     math::{DMat4, DVec2, DVec3},
     prelude::*,
     render::render_resource::Face,
-    tasks::{ComputeTaskPool, ParallelSliceMut, TaskPool},
+    tasks::{ComputeTaskPool, ParallelSlice, ParallelSliceMut, TaskPool},
 };
 use obvhs::{
     BvhBuildParams,
@@ -118,6 +118,36 @@ impl Tracer {
             }
         });
         samples
+    }
+
+    /// By pixel, every so many both ways, what its center shows of what faces the sun.
+    pub fn every(&self, lens: &Lens, to_sun: DVec3, stride: usize) -> Vec<(usize, Sample)> {
+        let [width, height] = lens.size.to_array().map(|side| side as usize);
+        let world_from_clip = lens.clip_from_world.inverse();
+        let rows: Vec<usize> = (stride / 2..height).step_by(stride).collect();
+        let points = rows.par_chunk_map(ComputeTaskPool::get(), 8, |_, rows| {
+            let pixels = rows
+                .iter()
+                .flat_map(|y| (stride / 2..width).step_by(stride).map(move |x| (x, *y)));
+            let point = |(x, y): (usize, usize)| {
+                let at = [x as f64 + 0.5, y as f64 + 0.5];
+                let sample = self.sample(lens, &world_from_clip, at, to_sun)?;
+                sample.faces_sun.then_some((y * width + x, sample))
+            };
+            pixels.filter_map(point).collect::<Vec<_>>()
+        });
+        points.into_iter().flatten().collect()
+    }
+
+    /// Whether all of these pixels' centers show the surface of a sample, under the same light.
+    pub fn agree(&self, lens: &Lens, pixels: [usize; 4], surface: &Sample, to_sun: DVec3) -> bool {
+        let world_from_clip = lens.clip_from_world.inverse();
+        let width = lens.size.x as usize;
+        pixels.into_iter().all(|pixel| {
+            let at = [pixel % width, pixel / width].map(|side| side as f64 + 0.5);
+            let sample = self.sample(lens, &world_from_clip, at, to_sun);
+            sample.is_some_and(|it| it.lit == surface.lit && lens.same_surface(surface, &it))
+        })
     }
 
     /// The share of each pixel that the sun shines on, of what belongs to the surface at the
