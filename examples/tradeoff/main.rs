@@ -129,8 +129,6 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
     let motions = FLICKER_POSES.min(poses) * Motion::ALL.len() * arguments.frames as usize;
     let own = if !arguments.shadows.is_empty() {
         arguments.shadows.len()
-    } else if arguments.paths {
-        FOLLOWED.len()
     } else {
         grid(&ParallelSplitShadows::default(), arguments.quick).len()
     };
@@ -142,7 +140,7 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
         Baseline::None => (0, 0),
     };
     let along = if arguments.paths {
-        own * Path::ALL.len() * LOOKED_AT
+        own.min(FOLLOWED.len()) * Path::ALL.len() * LOOKED_AT
     } else {
         0
     };
@@ -229,10 +227,6 @@ fn measure_scene(
         }
     }
 
-    if arguments.paths && wanted.is_empty() {
-        settings.retain(|setting| FOLLOWED.contains(&setting.name.as_str()));
-    }
-
     let mut report = SceneReport {
         name: name.clone(),
         paths: Vec::new(),
@@ -260,14 +254,10 @@ fn measure_scene(
     }
     if arguments.paths {
         let ground = |x: f32, z: f32| ground.height(x, z);
-        report.paths = follow(
-            name,
-            &mut studio,
-            &stances,
-            &ground,
-            &report.settings,
-            progress,
-        );
+        let is_followed =
+            |setting: &&Setting| !wanted.is_empty() || FOLLOWED.contains(&setting.name.as_str());
+        let followed: Vec<_> = report.settings.iter().filter(is_followed).collect();
+        report.paths = follow(name, &mut studio, &stances, &ground, &followed, progress);
     }
     Ok(report)
 }
@@ -278,7 +268,7 @@ fn follow(
     studio: &mut Studio,
     poses: &[Stance],
     ground: &dyn Fn(f32, f32) -> f32,
-    settings: &[Setting],
+    settings: &[&Setting],
     progress: &mut Progress,
 ) -> Vec<PathRow> {
     progress.say(&format!("{scene}: tracing rays along paths"));

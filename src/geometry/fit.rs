@@ -68,16 +68,20 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
 /// The box of an upright cylinder around points, grown by some slack and moved in whole texels.
 ///
 /// A view that turns sees about as much in every direction: the cylinder's radius and height stay
-/// much the same, whereas the smallest box would not. `kept` is the box's extent (meters).
+/// much the same, whereas the smallest box would not. No texel is smaller than `finest` (meters), or what
+/// is left of a scene at the picture's border would have the map change. `kept` is the box's extent
+/// (meters).
 pub fn steady(
     points: &[DVec3],
     light: &LightFrame,
     map_size: UVec2,
     reach: LookupReach,
     slack: Slack,
+    finest: f64,
     kept: &mut [Kept<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
+    let least = (0.5 * finest * size).max(DVec2::splat(MIN_EXTENT));
     let (center, radius) = bounding_circle(points);
     let (bottom, top) = points
         .iter()
@@ -88,8 +92,8 @@ pub fn steady(
     let half = |axis: DVec3| radius * axis.x.hypot(axis.z) + 0.5 * (top - bottom) * axis.y.abs();
     let [across, up] = kept;
     let extent = DVec2::new(
-        slack.round_up(half(light.x).max(MIN_EXTENT), across),
-        slack.round_up(half(light.y).max(MIN_EXTENT), up),
+        slack.round_up(half(light.x).max(least.x), across),
+        slack.round_up(half(light.y).max(least.y), up),
     );
     let half = extent.extend(half(light.z));
     around(light.light_from_world(center), half, size, reach, true)

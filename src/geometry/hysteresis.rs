@@ -11,6 +11,8 @@ pub struct Kept<T> {
     value: Option<T>,
     /// For how many frames in a row it has been much larger than needed.
     frames_too_large: u32,
+    /// How often it has grown since it last had time to shrink.
+    growths: u32,
     hold: Hold,
 }
 
@@ -21,6 +23,11 @@ pub struct Hold {
     pub frames: u32,
     /// Steps by which it may be too large at most, whatever moves: beyond, it shrinks at once.
     pub steps: f64,
+    /// Steps that a length has to spare at least when it is new.
+    pub margin: f64,
+    /// Steps that something which keeps growing is made larger than needed, so that it grows less
+    /// often: one the first time, then one more, up to this.
+    pub headroom: u32,
 }
 
 impl Hold {
@@ -28,12 +35,16 @@ impl Hold {
     pub const SHORT: Self = Self {
         frames: SHRINK_DELAY,
         steps: 4.0,
+        margin: 0.0,
+        headroom: 0,
     };
 
     /// Ten seconds at 60 frames per second, for what is to change as seldom as can be.
     pub const LONG: Self = Self {
         frames: 600,
-        ..Self::SHORT
+        steps: 7.0,
+        margin: 0.5,
+        headroom: 3,
     };
 }
 
@@ -73,10 +84,11 @@ impl Slack {
         }
         let step = 1.0 + self.0;
         let steps = side * needed.ln() / step.ln();
-        let rounded = step.powf(side * (steps - ROUNDING).ceil());
+        let least = (steps - ROUNDING + kept.hold.margin).ceil();
+        let rounded = step.powf(side * least);
         let too_large = |value: f64| side * (value / rounded).ln();
         kept.update(
-            rounded,
+            |headroom| step.powf(side * (least + headroom)),
             |value| side * (value / needed).ln() >= -ROUNDING,
             |value| too_large(value) / step.ln() - ROUNDING,
         )
@@ -94,7 +106,12 @@ impl Slack {
         let rounded = [(lo + ROUNDING).floor(), (hi - ROUNDING).ceil()];
         let in_steps = |[low, high]: [f64; 2]| [low / step, high / step];
         kept.update(
-            rounded.map(|end| end * step),
+            |headroom| {
+                [
+                    (rounded[0] - headroom) * step,
+                    (rounded[1] + headroom) * step,
+                ]
+            },
             |value| {
                 let [low, high] = in_steps(value);
                 low <= lo + ROUNDING && high >= hi - ROUNDING
@@ -113,6 +130,7 @@ impl<T> Kept<T> {
         Self {
             value: None,
             frames_too_large: 0,
+            growths: 0,
             hold,
         }
     }
@@ -124,30 +142,36 @@ impl<T> Kept<T> {
 }
 
 impl<T: Copy> Kept<T> {
-    /// What is held, or else what is `needed`. `steps_too_large`: by how many steps a value is.
+    /// What is held, or else what is `needed`, with so many steps to spare. `steps_too_large`: by how many
+    /// steps a value is.
     fn update(
         &mut self,
-        needed: T,
+        needed: impl Fn(f64) -> T,
         suffices: impl Fn(T) -> bool,
         steps_too_large: impl Fn(T) -> f64,
     ) -> T {
-        let sufficient = self.value.filter(|value| suffices(*value));
-        match sufficient.map(|value| (value, steps_too_large(value))) {
-            Some((value, steps)) if steps <= 1.0 => {
+        let Some(value) = self.value else {
+            return *self.value.insert(needed(0.0));
+        };
+        let mut headroom = 0;
+        if suffices(value) {
+            let steps = steps_too_large(value);
+            if steps <= 1.0 {
                 self.frames_too_large = 0;
-                value
+                return value;
             }
-            Some((value, steps))
-                if steps <= self.hold.steps && self.frames_too_large < self.hold.frames =>
-            {
-                self.frames_too_large += 1;
-                value
+            if steps <= self.hold.steps {
+                if self.frames_too_large < self.hold.frames {
+                    self.frames_too_large += 1;
+                    return value;
+                }
+                self.growths = 0;
             }
-            _ => {
-                self.value = Some(needed);
-                self.frames_too_large = 0;
-                needed
-            }
+        } else {
+            self.growths = self.hold.headroom.min(self.growths + 1);
+            headroom = self.growths;
         }
+        self.frames_too_large = 0;
+        *self.value.insert(needed(f64::from(headroom)))
     }
 }

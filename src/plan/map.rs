@@ -18,6 +18,9 @@ use crate::{
     },
 };
 
+/// Pixels across a texel, where they are fewest, that a steady map is content with.
+const FINEST: f64 = 0.25;
+
 /// A map over its volume.
 pub(super) struct PlacedMap {
     clip_from_world: DMat4,
@@ -60,7 +63,13 @@ pub(super) fn place(
         MapFit::Stable => in_light(fit::stable(&volume.slice, light, map_size, reach, slack)),
         MapFit::Steady => {
             let points = &volume.body.corners;
-            in_light(fit::steady(points, light, map_size, reach, slack, kept))
+            // Where the slice begins, whatever is seen of it: that does not change as the view turns.
+            let near = view.image_height(inputs.near());
+            let pixel = volume.slice.image_height(0).max(near) / inputs.image_height;
+            let finest = FINEST * pixel;
+            in_light(fit::steady(
+                points, light, map_size, reach, slack, finest, kept,
+            ))
         }
         MapFit::Tight => {
             let points = &volume.body.corners;

@@ -147,6 +147,8 @@ impl PlanHistory {
         if config.fit.any(|fit| fit == MapFit::Steady) {
             history.kept_range = KeptRange::with(Hold {
                 steps: 2.0,
+                margin: 0.0,
+                headroom: 0,
                 ..Hold::LONG
             });
             for cascade in &mut history.cascades {

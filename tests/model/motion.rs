@@ -2,7 +2,7 @@
 
 use bevy::{
     camera::{OrthographicProjection, Projection},
-    math::{DVec3, Quat, Rect, Vec3},
+    math::{DVec2, DVec3, Quat, Rect, Vec3},
 };
 use bevy_pssm::{
     geometry::{
@@ -75,8 +75,9 @@ fn with(fit: CascadeFit) -> ParallelSplitShadows {
     }
 }
 
-fn fits() -> [CascadeFit; 4] {
+fn fits() -> [CascadeFit; 5] {
     [
+        CascadeFit::Steady,
         CascadeFit::Stable,
         CascadeFit::Tight,
         CascadeFit::Warped(MapWarp::Minimax),
@@ -308,14 +309,15 @@ fn a_warp_knows_the_map_it_competes_with() {
 fn grid_changes(fit: CascadeFit, frames: usize, shot: impl Fn(f32) -> Shot) -> usize {
     let config = with(fit);
     let mut history = PlanHistory::default();
-    let mut before: Option<Vec<Option<f64>>> = None;
+    let mut before: Option<Vec<Option<DVec2>>> = None;
     let mut changes = 0;
     for frame in 0..frames {
         let plans = shot(frame as f32 / 60.0).in_village(&config, &mut history);
-        let now = texels(&plans);
+        let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel);
+        let now: Vec<Option<DVec2>> = plans.iter().map(texel).collect();
         if let Some(before) = before.replace(now.clone()) {
             let mut pairs = now.iter().zip(&before);
-            let is_change = |(now, before): (&Option<f64>, &Option<f64>)| {
+            let is_change = |(now, before): (&Option<DVec2>, &Option<DVec2>)| {
                 now.is_some() && before.is_some() && now != before
             };
             changes += usize::from(pairs.any(is_change));
