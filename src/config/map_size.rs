@@ -28,7 +28,8 @@ pub enum MapSize {
     PerCascade(Vec<[u32; 2]>),
     /// So many texels for all maps together, shared so that all are predicted to be equally sharp,
     /// along both axes (Lloyd et al. 2006, Eqs. 13–14). Sizes change, if seldom, and with them the
-    /// texels of stable maps. No side is longer than twice that of an even share.
+    /// texels of stable maps. Layers are as large as the largest map, whose sides are at most √2 times
+    /// those of an even share: at most twice the budget is allocated.
     Budget(u32),
 }
 
@@ -75,7 +76,7 @@ impl MapSize {
                     .flatten()
                     .try_for_each(|size| ConfigError::check_range("map_size", *size, range.clone()))
             }
-            // Sides may be twice as long as an even share's, or half as long.
+            // Even the smallest share leaves a map, and the largest is one that the GPU has.
             Self::Budget(texels) => {
                 let of_side = |side: u32| cascades.saturating_mul(side.saturating_mul(side));
                 let range = of_side(2 * MIN_MAP_SIZE)..=of_side(max / 2);

@@ -12,6 +12,12 @@ use crate::{
 /// allocated anew.
 const MIN_SLACK: f64 = 0.05;
 
+/// Of an even share, what every map gets.
+const LEAST_SHARE: f64 = 0.25;
+
+/// Sides are no longer than so many of an even share's: layers are as large as the largest map.
+const MOST_SIDE: f64 = core::f64::consts::SQRT_2;
+
 /// A size for predictions before sizes are known.
 pub(super) fn even_size(config: &ParallelSplitShadows, index: usize) -> UVec2 {
     match config.map_size {
@@ -58,14 +64,20 @@ pub(super) fn map_sizes(
     let aliasing: Vec<_> = (0..volumes.len()).map(predicted).collect();
     let total: f64 = aliasing.iter().flatten().map(|it| it.storage()).sum();
     let slack = Slack(inputs.slack().0.max(MIN_SLACK));
-    let [least, most] = [0.5, 2.0].map(|share| share * even.as_dvec2());
+    let even = even.as_dvec2();
+    let (least, most) = (LEAST_SHARE * even.element_product(), MOST_SIDE * even);
+    // What is left once all have the least.
+    let rest = f64::from(budget) - least * count as f64;
     (0..count)
         .map(|index| {
             let Some(aliasing) = aliasing.get(index).copied().flatten() else {
                 return UVec2::splat(MIN_MAP_SIZE);
             };
-            let texels = f64::from(budget) * aliasing.storage() / total;
-            let wanted = aliasing.balanced_resolution(texels).clamp(least, most);
+            let texels = least + rest * aliasing.storage() / total;
+            let width = aliasing.balanced_resolution(texels).x;
+            // Where one side is as long as can be, the other gets no more for it.
+            let width = width.max(texels / most.y).min(most.x);
+            let wanted = DVec2::new(width, (texels / width).min(most.y));
             let [across, up] = &mut kept[index].size;
             let size = DVec2::new(
                 slack.round_down(wanted.x, across),

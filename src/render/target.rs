@@ -13,11 +13,17 @@ use bevy::{
     },
 };
 
+/// Frames after which layers that no map needs are given back: what comes and goes, as a camera may,
+/// should not allocate all anew.
+const SHRINK_DELAY: u32 = 60;
+
 /// The depth array that holds all maps.
 #[derive(Resource, Debug, Default)]
 pub struct ShadowTarget {
     texture: Option<Texture>,
     layers: Vec<TextureView>,
+    /// For how many frames in a row there have been more layers than maps.
+    frames_too_many: u32,
     /// Of a layer.
     pub(super) size: UVec2,
     /// Side of Bevy's own maps (texels).
@@ -48,9 +54,15 @@ impl ShadowTarget {
     /// Makes it hold so many layers of a size.
     pub(super) fn resize(&mut self, device: &RenderDevice, size: UVec2, layers: u32) -> &Texture {
         let present = self.layers.len() as u32;
-        let fits = self.size == size && present >= layers && present <= 2 * layers;
+        self.frames_too_many = if present > layers {
+            self.frames_too_many + 1
+        } else {
+            0
+        };
+        let fits = self.size == size && present >= layers && self.frames_too_many < SHRINK_DELAY;
         if !fits {
             self.texture = None;
+            self.frames_too_many = 0;
         }
         self.size = size;
         let (views, texture) = (&mut self.layers, &mut self.texture);

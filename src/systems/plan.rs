@@ -8,7 +8,7 @@ use bevy::{
     camera::{
         Camera, Camera3d, Projection,
         primitives::CascadesFrusta,
-        visibility::{NoCpuCulling, VisibleEntities},
+        visibility::{InheritedVisibility, NoCpuCulling, RenderLayers, VisibleEntities},
     },
     ecs::{
         component::Component,
@@ -85,6 +85,7 @@ pub struct PlannedCamera {
     projection: &'static Projection,
     camera: &'static Camera,
     visible: &'static VisibleEntities,
+    layers: Option<&'static RenderLayers>,
     has_fog: Has<VolumetricFog>,
 }
 
@@ -95,10 +96,21 @@ pub struct PlannedLight {
     transform: &'static GlobalTransform,
     light: &'static DirectionalLight,
     managed: &'static ManagedLight,
+    inherited: &'static InheritedVisibility,
+    layers: Option<&'static RenderLayers>,
     is_volumetric: Has<VolumetricLight>,
     plans: &'static mut ShadowPlans,
     cascades: &'static mut Cascades,
     frusta: &'static mut CascadesFrusta,
+}
+
+/// What a camera is to a light's shadows.
+enum View {
+    /// No managed light shines for it.
+    Unlit,
+    /// Its transform or projection is degenerate.
+    Degenerate,
+    Seen(Box<Seen>),
 }
 
 /// What a camera sees.
@@ -107,6 +119,15 @@ struct Seen {
     receivers: Receivers,
     has_fog: bool,
     image_height: f64,
+}
+
+/// Whether a light casts shadows on anything.
+fn shines(light: &DirectionalLight, inherited: &InheritedVisibility) -> bool {
+    light.shadow_maps_enabled && light.illuminance > 0.0 && inherited.get()
+}
+
+fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {
+    layers.cloned().unwrap_or_default()
 }
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -121,26 +142,42 @@ pub fn plan_shadows(
     origin: Res<ShadowGridOrigin>,
     mut warned: Local<bool>,
 ) {
-    let configs = || lights.iter().filter_map(|it| it.managed.config());
-    let is_focused = configs().any(|it| it.comparison.focus == ShadowFocus::Receivers);
-    let views: Vec<(Entity, Option<Seen>)> = cameras
+    let shining: Vec<(RenderLayers, ShadowFocus)> = lights
         .iter()
-        .filter(|it| it.camera.is_active && configs().next().is_some())
+        .filter(|it| shines(it.light, it.inherited))
+        .filter_map(|it| Some((layers_of(it.layers), it.managed.config()?.comparison.focus)))
+        .collect();
+    let views: Vec<(Entity, RenderLayers, View)> = cameras
+        .iter()
+        .filter(|it| it.camera.is_active)
         .map(|it| {
-            let height = it.camera.physical_viewport_size().map_or(1, |size| size.y);
-            let seen = view_volume(it.transform, it.projection, it.camera).map(|volume| Seen {
-                receivers: if is_focused {
-                    let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
-                    let visible = visible.chain(&unculled);
-                    receivers(&volume, &meshes, visible, assets.as_deref(), &mut parts)
-                } else {
-                    Receivers::everywhere(&volume)
-                },
-                volume,
-                has_fog: it.has_fog,
-                image_height: f64::from(height.max(1)),
-            });
-            (it.entity, seen)
+            let layers = layers_of(it.layers);
+            let meeting = shining
+                .iter()
+                .filter(|(light, _)| light.intersects(&layers));
+            let foci: Vec<ShadowFocus> = meeting.map(|(_, focus)| *focus).collect();
+            let volume = view_volume(it.transform, it.projection, it.camera);
+            let view = match volume {
+                _ if foci.is_empty() => View::Unlit,
+                None => View::Degenerate,
+                Some(volume) => {
+                    let height = it.camera.physical_viewport_size().map_or(1, |size| size.y);
+                    let receivers = if foci.contains(&ShadowFocus::Receivers) {
+                        let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
+                        let visible = visible.chain(&unculled);
+                        receivers(&volume, &meshes, visible, assets.as_deref(), &mut parts)
+                    } else {
+                        Receivers::everywhere(&volume)
+                    };
+                    View::Seen(Box::new(Seen {
+                        volume,
+                        receivers,
+                        has_fog: it.has_fog,
+                        image_height: f64::from(height.max(1)),
+                    }))
+                }
+            };
+            (it.entity, layers, view)
         })
         .collect();
 
@@ -149,6 +186,8 @@ pub fn plan_shadows(
             *it.plans = ShadowPlans::default();
             continue;
         };
+        let shines = shines(it.light, it.inherited);
+        let layers = layers_of(it.layers);
         // With nothing to cull for, Bevy does not.
         it.cascades.cascades.clear();
         it.frusta.frusta.clear();
@@ -166,11 +205,12 @@ pub fn plan_shadows(
             history,
         } = &mut *it.plans;
         planned.clear();
-        history.retain(|view, _| views.iter().any(|(active, _)| active == view));
-        for (view, seen) in &views {
-            is_degenerate |= seen.is_none();
+        history.retain(|view, _| views.iter().any(|(active, ..)| active == view));
+        for (view, of_camera, seen) in &views {
+            let meets = shines && layers.intersects(of_camera);
+            is_degenerate |= meets && matches!(seen, View::Degenerate);
             let plan = match (seen, &frame) {
-                (Some(seen), Some(frame)) => {
+                (View::Seen(seen), Some(frame)) if meets => {
                     let fog = Receivers::fog(&seen.volume);
                     let is_foggy = it.is_volumetric && seen.has_fog;
                     let inputs = PlanInputs {

@@ -4,7 +4,7 @@ use bevy::{
     app::PostUpdate,
     camera::{
         primitives::{Aabb, CascadesFrusta},
-        visibility::{CascadesVisibleEntities, NoFrustumCulling},
+        visibility::{CascadesVisibleEntities, NoFrustumCulling, RenderLayers},
     },
     ecs::{entity_disabling::Disabled, prelude::*},
     light::{
@@ -124,6 +124,39 @@ fn bevys_components_carry_the_plans() {
         let expected = ViewFrustum::from_clip_from_world(&cascade.clip_from_world);
         assert_eq!(format!("{:?}", frustum.0), format!("{expected:?}"));
     }
+}
+
+/// A light that can show no shadow to a camera costs it nothing.
+#[test]
+fn what_cannot_meet_is_not_planned() {
+    let is_planned = |change: &dyn Fn(&mut EntityWorldMut)| {
+        let mut app = app();
+        let view = camera(&mut app);
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        caster(&mut app, Vec3::new(-2.0, 2.0, -4.0));
+        app.update();
+        change(&mut app.world_mut().entity_mut(light));
+        app.update();
+        let light = app.world().entity(light);
+        let casters = &light.get::<CasterCascades>().unwrap().views;
+        let casters = casters.get(&view).map_or(0, Vec::len);
+        let plans = &light.get::<ShadowPlans>().unwrap().views[&view];
+        let is_planned = plans.iter().any(|plan| plan.map.is_some());
+        assert_eq!(is_planned, casters > 0);
+        is_planned
+    };
+    let set = |change: fn(&mut DirectionalLight)| {
+        is_planned(&|light| change(&mut light.get_mut().expect("a light")))
+    };
+    assert!(is_planned(&|_| ()));
+    assert!(!set(|light| light.illuminance = 0.0));
+    assert!(!set(|light| light.shadow_maps_enabled = false));
+    assert!(!is_planned(&|light| {
+        light.insert(Visibility::Hidden);
+    }));
+    assert!(!is_planned(&|light| {
+        light.insert(RenderLayers::layer(3));
+    }));
 }
 
 #[test]

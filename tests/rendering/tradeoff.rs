@@ -22,6 +22,7 @@ use crate::{
     stage::take_turn,
     study::{
         gather::{Geometry, Surface},
+        paths::{Path, Route},
         pictures,
         row::{COLUMNS, Row},
         run::{Effort, Outcome, View},
@@ -329,6 +330,37 @@ fn planted_faults_are_found() {
 /// The tool's idea of the scene is what the GPU draws: if only the GPU's is changed, the two
 /// disagree.
 #[test]
+fn what_does_not_keep_still_along_a_path_is_found() {
+    let _turn = take_turn();
+    let mut studio = studio(ShadowFilteringMethod::Hardware2x2);
+    let pose = [studio.stance()];
+    let tracer = studio.tracer(&pose[0]);
+    let [rest, turn] = [Path::Rest, Path::Turn(30.0)]
+        .map(|path| studio.explore(path, &tracer, &pose, &|_, _| f32::NEG_INFINITY));
+    let mut along = |route: &Route, config: ParallelSplitShadows| {
+        let setting = Setting::pssm("a", config);
+        studio.apply(&setting);
+        studio.travel(route, &setting, || ())
+    };
+    let steady = config(1024, CascadeFit::Steady);
+    // Coarse, and laid anew in each frame.
+    let jumping = ParallelSplitShadows {
+        slack: 0.0,
+        ..config(64, CascadeFit::Tight)
+    };
+    let found = along(&rest, steady.clone());
+    assert_eq!((found.changed_pct, found.grid_changes), (0.0, 0));
+    assert!(found.wrong_pct > 0.0 && found.wrong_pct < 1.0, "{found:?}");
+    let found = along(&turn, steady);
+    assert!(found.grid_changes < 10, "{found:?}");
+    let most = found.changed_pct.max(0.1);
+    assert!(most < 0.5, "{found:?}");
+    let planted = along(&turn, jumping);
+    assert!(planted.grid_changes > 200, "{planted:?}");
+    assert!(planted.changed_pct > 4.0 * most, "{planted:?}");
+}
+
+#[test]
 fn masks_and_skins_are_traced_as_drawn() {
     let _turn = take_turn();
     let mut studio = studio(ShadowFilteringMethod::Gaussian);
@@ -436,7 +468,7 @@ fn everything_but_times_repeats_exactly() {
     let size = UVec2::new(160, 120);
     let coarse = ParallelSplitShadows {
         far: 800.0,
-        ..config(256, CascadeFit::Tight)
+        ..config(64, CascadeFit::Tight)
     };
     let settings = [
         Setting::pssm("tight", coarse.clone()),
