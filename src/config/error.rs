@@ -5,6 +5,9 @@ use core::{fmt::Display, ops::RangeInclusive};
 /// Farther than the Earth's diameter is a mistake, and would overflow no sooner (meters).
 pub(super) const MAX_DISTANCE: f32 = 1e7;
 
+/// Nearer than a micrometer is a mistake, too (meters).
+pub(super) const MIN_DISTANCE: f32 = 1e-6;
+
 /// A value outside its range. The message names field, value and what is allowed.
 #[derive(thiserror::Error, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -84,11 +87,7 @@ impl ConfigError {
         Err(Self::out_of_range(field, value, allowed))
     }
 
-    pub(super) fn check_positive(field: &'static str, value: f32) -> Result<(), Self> {
-        if value > 0.0 && value <= MAX_DISTANCE {
-            return Ok(());
-        }
-        let allowed = format!("above 0 and at most {MAX_DISTANCE}");
-        Err(Self::out_of_range(field, value, allowed))
+    pub(super) fn check_distance(field: &'static str, value: f32) -> Result<(), Self> {
+        Self::check_range(field, value, MIN_DISTANCE..=MAX_DISTANCE)
     }
 }

@@ -78,7 +78,7 @@ impl ShadowFilter {
                 FilterRadius::Texels(texels) => {
                     ConfigError::check_range("Texels", texels, 1.0..=MAX_FILTER_TEXELS)
                 }
-                FilterRadius::Meters(meters) => ConfigError::check_positive("Meters", meters),
+                FilterRadius::Meters(meters) => ConfigError::check_distance("Meters", meters),
             },
             Self::Soft { sun_degrees } => {
                 if sun_degrees > 0.0 && sun_degrees <= MAX_SUN_DEGREES {

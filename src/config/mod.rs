@@ -64,7 +64,7 @@ pub struct ParallelSplitShadows {
     /// near the camera. Default 4.
     #[reflect(@1..=4_u32)]
     pub cascades: u32,
-    /// Where the split scheme starts (meters from the eye, above zero). Surfaces nearer than
+    /// Where the split scheme starts (meters from the eye, at least a micrometer). Surfaces nearer than
     /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
     /// wastes the first cascades on the ground at the camera's feet. Default 1 m; see
     /// [`far`](Self::far).
@@ -142,14 +142,16 @@ impl ParallelSplitShadows {
     /// Names the first field that is wrong, its value and what is allowed.
     pub fn validate(&self, max_map_size: u32) -> Result<(), ConfigError> {
         ConfigError::check_range("cascades", self.cascades, 1..=MAX_CASCADES as u32)?;
-        ConfigError::check_positive("near", self.near)?;
-        ConfigError::check_positive("far", self.far)?;
+        ConfigError::check_distance("near", self.near)?;
+        ConfigError::check_distance("far", self.far)?;
         if self.far <= self.near {
-            return Err(ConfigError::out_of_range(
-                "far",
-                self.far,
-                format_args!("above `near` ({})", self.near),
-            ));
+            // The one that was set.
+            let (near, far) = (self.near, self.far);
+            return Err(if far == Self::default().far {
+                ConfigError::out_of_range("near", near, format_args!("below `far` ({far})"))
+            } else {
+                ConfigError::out_of_range("far", far, format_args!("above `near` ({near})"))
+            });
         }
         self.splits.validate(self)?;
         ConfigError::check_range("blend", self.blend, 0.0..=0.5)?;

@@ -108,6 +108,8 @@ impl ShadowPresetLoader {
         path: &AssetPath,
         max_map_size: u32,
     ) -> Result<ParallelSplitShadows, ShadowPresetError> {
+        // Some editors begin a file with a byte-order mark.
+        let text = text.trim_start_matches('\u{feff}');
         let config: ParallelSplitShadows =
             ron::from_str(text).map_err(|error| ShadowPresetError::Parse {
                 path: path.to_string(),

@@ -24,8 +24,8 @@ pub struct ViewVolume {
     pub far: f64,
 }
 
-/// Camera scales this close to one count as one: the length of a rotation's columns in `f32`
-/// varies in its last digits from frame to frame, and a map's size must not.
+/// Camera scales are rounded to such shares of a power of two: the length of a rotation's columns in
+/// `f32` varies in its last digits from frame to frame, and a map's size must not.
 const SCALE_STEP: f64 = 1.0 / 4096.0;
 
 impl ViewVolume {
@@ -50,8 +50,11 @@ impl ViewVolume {
             near,
             far,
         };
-        let finite = world_from_view.is_finite() && volume.axes.determinant().abs() > 1e-12;
-        (finite && near.is_finite() && far > near).then_some(volume)
+        let axes = volume.axes;
+        let cube = axes.x_axis.length() * axes.y_axis.length() * axes.z_axis.length();
+        // Of axes that are no more than nearly parallel, whatever the camera's scale.
+        let is_regular = world_from_view.is_finite() && axes.determinant().abs() > 1e-12 * cube;
+        (is_regular && near.is_finite() && far > near).then_some(volume)
     }
 
     /// The part of the volume between two depths, cut to the camera's own near and far planes
@@ -249,7 +252,8 @@ impl Slice {
 }
 
 fn rounded_length(axis: DVec3) -> f64 {
-    (axis.length() / SCALE_STEP).round().max(1.0) * SCALE_STEP
+    let step = SCALE_STEP * axis.length().log2().floor().exp2();
+    (axis.length() / step).round() * step
 }
 
 /// The sphere on the volume's axis that touches near and far corners, or the far ones only

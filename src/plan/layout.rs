@@ -97,8 +97,8 @@ impl Layout {
         let mut volumes: Vec<_> = (0..used)
             .map(|index| {
                 let slice = self.slice(index);
-                // Where planes fall together the cascade before already reaches this far.
-                (self.planes[slice] < self.planes[slice + 1])
+                // Where planes fall together the cascade before already reaches this far: the first has none.
+                (slice == 0 || self.planes[slice] < self.planes[slice + 1])
                     .then(|| CascadeVolume::of_slice(inputs, self.interval(index)))?
             })
             .collect();

@@ -13,6 +13,7 @@ use bevy::{
         observer::On,
         query::{Has, QueryData},
         system::{Commands, EntityCommands, Query, Res},
+        world::EntityWorldMut,
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight},
     log::warn,
@@ -65,6 +66,9 @@ impl ManagedLight {
             self.checked = Some(config.last_changed());
             match config.validate(support.max_map_size().load(Ordering::Relaxed)) {
                 Ok(()) => self.last_good = Some((**config).clone()),
+                Err(error) if self.last_good.is_none() => {
+                    warn!("Light {light} keeps Bevy's own shadows: {error}");
+                }
                 Err(error) => warn!("Keeping the last good shadows of light {light}: {error}"),
             }
         }
@@ -223,7 +227,12 @@ pub(super) fn manage_lights(
             if is_removed {
                 commands
                     .entity(it.entity)
-                    .remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
+                    .queue(|mut light: EntityWorldMut| {
+                        // It may have come back until this is carried out.
+                        if !light.contains::<ParallelSplitShadows>() {
+                            light.remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
+                        }
+                    });
             }
             continue;
         };

@@ -12,7 +12,7 @@ use bevy::{
     },
     ecs::{
         component::Component,
-        entity::{Entity, EntityHashMap},
+        entity::{Entity, EntityHashMap, EntityHashSet},
         event::EntityEvent,
         observer::On,
         query::{Has, QueryData, With},
@@ -140,7 +140,7 @@ pub fn plan_shadows(
     assets: Option<Res<Assets<Mesh>>>,
     mut parts: ResMut<MeshBoxes>,
     origin: Res<ShadowGridOrigin>,
-    mut warned: Local<bool>,
+    mut warned: Local<EntityHashSet>,
 ) {
     let shining: Vec<(RenderLayers, ShadowFocus)> = lights
         .iter()
@@ -227,9 +227,8 @@ pub fn plan_shadows(
             };
             planned.insert(*view, plan);
         }
-        if is_degenerate && !*warned {
-            *warned = true;
-            let light = it.entity;
+        let light = it.entity;
+        if is_degenerate && warned.insert(light) {
             warn!(
                 "Light {light} or a camera has a degenerate transform or projection: no shadows there"
             );

@@ -365,6 +365,34 @@ fn a_bad_change_keeps_the_last_good_configuration() {
     assert_eq!(count(&app), 3);
 }
 
+/// What one system removes and another puts back before commands are carried out stays managed.
+#[test]
+fn a_component_that_comes_back_at_once_is_managed() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.update();
+    app.world_mut()
+        .entity_mut(light)
+        .remove::<ParallelSplitShadows>();
+    let mut has_come_back = false;
+    let put_back = move |mut commands: Commands| {
+        if !core::mem::replace(&mut has_come_back, true) {
+            commands
+                .entity(light)
+                .insert(ParallelSplitShadows::default());
+        }
+    };
+    app.add_systems(
+        PostUpdate,
+        put_back.before_ignore_deferred(PssmSystems::ManageLights),
+    );
+    app.update();
+    app.update();
+    let plans = app.world().get::<ShadowPlans>(light).expect("managed");
+    assert_eq!(plans.views[&view].len(), 4);
+}
+
 #[test]
 fn a_component_that_was_never_good_leaves_bevys_shadows_alone() {
     let mut app = app();

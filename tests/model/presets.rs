@@ -20,6 +20,12 @@ fn an_empty_preset_is_the_default() {
 }
 
 #[test]
+fn a_byte_order_mark_is_no_mistake() {
+    assert_eq!(parse("\u{feff}(far: 77.0)"), parse("(far: 77.0)"));
+    assert!(parse("(far: 77.0)").is_ok());
+}
+
+#[test]
 fn every_field_and_variant_is_read() {
     let read = parse(
         "(
@@ -135,7 +141,7 @@ fn the_balanced_preset_spells_the_defaults_out() {
 }
 
 /// Text, the line the message must name, and what else it must say.
-const BAD: [(&str, usize, &[&str]); 41] = [
+const BAD: [(&str, usize, &[&str]); 43] = [
     ("", 1, &[]),
     ("(", 1, &["Unexpected end"]),
     ("(cascades: 4,\n far: ", 2, &["Expected float"]),
@@ -150,16 +156,18 @@ const BAD: [(&str, usize, &[&str]); 41] = [
     (
         "(// cascades, near\n near: 0.0)",
         2,
-        &["`near` is 0", "above 0"],
+        &["`near` is 0", "from 0.000001"],
     ),
     (
         "(/* near\n near */\n near: -2.0)",
         3,
-        &["`near` is -2", "above 0"],
+        &["`near` is -2", "from 0.000001"],
     ),
-    ("(near: NaN)", 1, &["`near` is NaN", "above 0"]),
-    ("(far: inf)", 1, &["`far` is inf", "at most 10000000"]),
-    ("(far: -100.0)", 1, &["`far` is -100", "above 0"]),
+    ("(near: 1e-40)", 1, &["`near` is", "from 0.000001"]),
+    ("(near: 600.0)", 1, &["`near` is 600", "below `far` (500)"]),
+    ("(near: NaN)", 1, &["`near` is NaN", "from 0.000001"]),
+    ("(far: inf)", 1, &["`far` is inf", "to 10000000"]),
+    ("(far: -100.0)", 1, &["`far` is -100", "from 0.000001"]),
     (
         "(near: 50.0,\n far: 50.0)",
         2,
@@ -190,7 +198,7 @@ const BAD: [(&str, usize, &[&str]); 41] = [
     (
         "(filter: Temporal(Meters(0.0)))",
         1,
-        &["`Meters` is 0", "above 0"],
+        &["`Meters` is 0", "from 0.000001"],
     ),
     (
         "(filter: Soft(sun_degrees: 90.0))",

@@ -121,6 +121,26 @@ fn degenerate_cameras_have_no_volume() {
 }
 
 proptest! {
+    /// Of whatever scale a camera is, its slice is the one of a camera whose planes are scaled instead.
+    #[test]
+    fn scaled_cameras_have_scaled_slices(scale in -9.0..6.0_f64, turn in any_turn()) {
+        let scale = 10.0_f64.powf(scale);
+        let lens = perspective(0.9, 1.6).get_clip_from_view();
+        let rotation = DQuat::from_xyzw(turn.x.into(), turn.y.into(), turn.z.into(), turn.w.into());
+        let rotation = rotation.normalize();
+        let of = |scale: f64| {
+            let place = DAffine3::from_scale_rotation_translation(DVec3::splat(scale), rotation, DVec3::ZERO);
+            let view = ViewVolume::new(place, &lens);
+            view.and_then(|view| view.slice(1.0, 10.0))
+        };
+        let (scaled, unscaled) = (of(scale).expect("a camera"), of(1.0).expect("a camera"));
+        let share = scaled.radius / (scale * unscaled.radius);
+        prop_assert!((share - 1.0).abs() < 1.0 / 2048.0, "{} {}", scale, share);
+        for corner in scaled.corners {
+            prop_assert!(corner.distance(scaled.center) <= scaled.radius * (1.0 + 1.0 / 2048.0));
+        }
+    }
+
     #[test]
     fn the_bounding_sphere_holds_its_slice(
         turn in any_turn(),

@@ -5,10 +5,11 @@ use bevy::{
     core_pipeline::prepass::DepthPrepass,
     prelude::*,
     render::{
-        occlusion_culling::OcclusionCulling, render_resource::WgpuFeatures, settings::WgpuSettings,
+        RenderApp, occlusion_culling::OcclusionCulling, render_resource::WgpuFeatures,
+        settings::WgpuSettings,
     },
 };
-use bevy_pssm::{ShadowPlans, prelude::*};
+use bevy_pssm::{ShadowPlans, prelude::*, render::ShadowTarget};
 
 use crate::{
     compare::{assert_identical, assert_same_shadows, share_differing},
@@ -290,4 +291,62 @@ fn a_bad_value_is_reported_once_and_changes_nothing() {
         .filter(|line| line.contains("`far` is -3"))
         .collect();
     assert_eq!(reported.len(), 1, "{reported:?}");
+}
+
+#[test]
+fn a_light_is_told_what_it_keeps() {
+    let mut stage = Stage::new();
+    let first = stage.sun();
+    let second = stage.world().spawn(DirectionalLight::default()).id();
+    stage.picture();
+    warnings::take();
+    let bad = ParallelSplitShadows {
+        near: -1.0,
+        ..shadows()
+    };
+    for light in [first, second] {
+        stage.world().entity_mut(light).insert(bad.clone());
+        stage.picture();
+        stage.world().entity_mut(light).insert(shadows());
+        stage.picture();
+        stage.world().entity_mut(light).insert(bad.clone());
+        stage.picture();
+    }
+    let warnings = warnings::take();
+    for light in [first, second] {
+        let about = |text: &str| {
+            let of_light = format!("ight {light}");
+            let lines = warnings.iter();
+            lines
+                .filter(|line| line.contains(&of_light) && line.contains(text))
+                .count()
+        };
+        assert_eq!(about("keeps Bevy's own shadows"), 1, "{warnings:#?}");
+        assert_eq!(about("Keeping the last good shadows"), 1, "{warnings:#?}");
+    }
+}
+
+#[test]
+fn layers_that_no_map_needs_are_given_back() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    stage.picture();
+    let layers = |stage: &mut Stage| {
+        let world = stage.headless.app.sub_app(RenderApp).world();
+        let target = world.resource::<ShadowTarget>();
+        (0..16)
+            .filter(|layer| target.layer(*layer).is_some())
+            .count()
+    };
+    let four = layers(&mut stage);
+    let two = ParallelSplitShadows {
+        cascades: 2,
+        ..shadows()
+    };
+    stage.world().entity_mut(sun).insert(two);
+    for _ in 0..70 {
+        stage.headless.step();
+    }
+    assert_eq!(layers(&mut stage), four - 2);
 }

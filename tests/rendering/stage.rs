@@ -32,7 +32,8 @@ pub fn take_turn() -> MutexGuard<'static, ()> {
 
 /// The scene, and the app that renders it.
 pub struct Stage {
-    headless: Headless,
+    /// The app.
+    pub headless: Headless,
     _turn: MutexGuard<'static, ()>,
 }
 
