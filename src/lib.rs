@@ -26,7 +26,8 @@
 //!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`, `CascadesFrusta`
 //!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
-//! - [`CameraCut`] says that a view has jumped, and [`ShadowGridOrigin`] that the world has moved.
+//! - [`CameraCut`] says that a view has jumped, [`ShadowGridOrigin`] that the world has moved, and
+//!   [`BoundsMargin`] how far a vertex shader moves a mesh.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
@@ -71,7 +72,8 @@ pub use render::PssmRenderSystems;
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
-    CameraCut, CascadeRange, CasterCascades, PssmSystems, ShadowGridOrigin, ShadowPlans,
+    BoundsMargin, CameraCut, CascadeRange, CasterCascades, PssmSystems, ShadowGridOrigin,
+    ShadowPlans,
 };
 
 use bevy::{
@@ -83,10 +85,10 @@ use bevy::{
 pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
-        CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison,
-        DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows,
-        PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus, ShadowGridOrigin,
-        ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
+        BoundsMargin, CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces,
+        Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp,
+        ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
+        ShadowGridOrigin, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
     };
 }
 
@@ -108,6 +110,7 @@ impl Plugin for PssmPlugin {
             .register_type::<ShadowOverlay>()
             .register_type::<ShaderFeatures>()
             .register_type::<ShadowGridOrigin>()
+            .register_type::<BoundsMargin>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
             .register_asset_loader(loader);

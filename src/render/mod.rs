@@ -6,6 +6,7 @@
 //! name one texture, so all must live in it.
 
 mod adopt;
+mod displaced;
 mod extract;
 mod layout;
 mod options;
@@ -24,10 +25,10 @@ use bevy::{
     app::{App, PostUpdate},
     asset::AssetEventSystems,
     core_pipeline::schedule::{Core3d, Core3dSystems},
-    ecs::schedule::{IntoScheduleConfigs, SystemSet},
+    ecs::schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
     pbr::{
-        GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS, extract_lights,
-        main_build_indirect_parameters, prepare_lights,
+        GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS,
+        RenderMaterialInstances, extract_lights, main_build_indirect_parameters, prepare_lights,
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
@@ -41,7 +42,7 @@ use crate::{
     config::MAX_CASCADES,
     shaders,
     support::{Obstacle, Requirements, ShadowSupport},
-    systems::PssmSystems,
+    systems::{DisplacedMeshes, PssmSystems},
 };
 
 /// The plugin's system sets in the render world.
@@ -70,11 +71,13 @@ pub(crate) fn build(app: &mut App) {
             .before(AssetEventSystems),
     );
     let support = app.world().resource::<ShadowSupport>().clone();
+    let displaced = app.world().resource::<DisplacedMeshes>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
     render_app
         .insert_resource(support)
+        .insert_resource(displaced)
         .init_resource::<ExtractedShadows>()
         .init_gpu_resource::<ShadowTarget>()
         .add_systems(
@@ -95,6 +98,9 @@ pub(crate) fn build(app: &mut App) {
                     .before(prepare_lights),
                 adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
+                displaced::note_displaced_meshes
+                    .in_set(RenderSystems::Queue)
+                    .run_if(resource_exists::<RenderMaterialInstances>),
             ),
         )
         .configure_sets(

@@ -24,7 +24,7 @@ use bevy::{
 
 use super::{
     ManagedLight, ShadowPlans,
-    gather::world_bounds,
+    bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
     publish::{empty_cascade, published_cascade},
 };
 use crate::{config::CasterCulling, geometry::oriented_box::OrientedBox, plan::CascadePlan};
@@ -66,6 +66,7 @@ pub struct Caster {
     layers: Option<&'static RenderLayers>,
     aabb: Option<&'static Aabb>,
     transform: Option<&'static GlobalTransform>,
+    margin: Option<&'static BoundsMargin>,
     has_range: Has<VisibilityRange>,
     is_unculled: Has<NoFrustumCulling>,
 }
@@ -97,8 +98,10 @@ pub fn cull_casters(
     mut lights: Query<CulledLight, Without<SpotLight>>,
     mut casters: Query<Caster, IsCaster>,
     ranges: Option<Res<VisibleEntityRanges>>,
+    displaced: Res<DisplacedMeshes>,
     mut found: Local<Parallel<Vec<(Entity, u8)>>>,
 ) {
+    let displaced = displaced.get();
     for mut it in &mut lights {
         it.casters.views.clear();
         let Some(config) = it.managed.config() else {
@@ -142,7 +145,8 @@ pub fn cull_casters(
                     let is_culled = config.comparison.culling == CasterCulling::Hull;
                     let bounds = match (caster.aabb, caster.transform) {
                         (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
-                            Some(world_bounds(aabb, &transform.affine()))
+                            let margin = Margin::of(caster.entity, caster.margin, &displaced);
+                            Some(world_bounds(aabb, &transform.affine(), margin))
                         }
                         _ => None,
                     };

@@ -8,17 +8,20 @@ use bevy::{
         visibility::{InheritedVisibility, NoAutoAabb, NoFrustumCulling},
     },
     ecs::{
-        entity::Entity,
+        entity::{Entity, EntityHashSet},
         query::{Has, QueryData, With, Without},
         system::Query,
     },
     light::NotShadowReceiver,
-    math::{Affine3A, DAffine3, DMat3},
+    math::{DAffine3, DMat3},
     mesh::{Mesh, Mesh3d},
     transform::components::GlobalTransform,
 };
 
-use super::MeshBoxes;
+use super::{
+    MeshBoxes,
+    bounds::{BoundsMargin, Margin, world_bounds},
+};
 use crate::geometry::{oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume};
 
 #[derive(QueryData)]
@@ -28,7 +31,9 @@ pub struct ReceiverMesh {
     inherited: &'static InheritedVisibility,
     is_unculled: Has<NoFrustumCulling>,
     has_no_bounds: Has<NoAutoAabb>,
+    margin: Option<&'static BoundsMargin>,
     mesh: &'static Mesh3d,
+    entity: Entity,
 }
 
 pub(super) type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
@@ -40,6 +45,7 @@ pub(super) fn receivers(
     visible: impl Iterator<Item = Entity>,
     assets: Option<&Assets<Mesh>>,
     parts: &mut MeshBoxes,
+    displaced: &EntityHashSet,
 ) -> Receivers {
     let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
     let mut receivers = Receivers::new(view);
@@ -50,15 +56,17 @@ pub(super) fn receivers(
             None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
             Some(aabb) if !it.is_unculled => {
                 let world_from_local = it.transform.affine();
-                let bounds = world_bounds(aabb, &world_from_local);
+                let margin = Margin::of(it.entity, it.margin, displaced);
+                let bounds = world_bounds(aabb, &world_from_local, margin);
+                let has_parts = !it.has_no_bounds && margin == Margin::None;
                 let parts = match assets {
-                    Some(assets) if !it.has_no_bounds && is_close(view, &bounds) => {
+                    Some(assets) if has_parts && is_close(view, &bounds) => {
                         parts.of(it.mesh.0.id(), aabb, assets)
                     }
                     _ => &[],
                 };
                 for part in parts {
-                    receivers.add(&world_bounds(part, &world_from_local));
+                    receivers.add(&world_bounds(part, &world_from_local, Margin::None));
                 }
                 if parts.is_empty() {
                     receivers.add(&bounds);
@@ -76,25 +84,6 @@ fn is_close(view: &ViewVolume, bounds: &OrientedBox) -> bool {
     let half_axes = [axes.x_axis, axes.y_axis, axes.z_axis];
     let radius_2: f64 = half_axes.iter().map(|axis| axis.length_squared()).sum();
     bounds.center.distance_squared(view.eye) < radius_2
-}
-
-/// A local box in world space.
-pub(super) fn world_bounds(aabb: &Aabb, world_from_local: &Affine3A) -> OrientedBox {
-    let matrix = &world_from_local.matrix3;
-    let axes = DMat3::from_cols(
-        matrix.x_axis.as_dvec3(),
-        matrix.y_axis.as_dvec3(),
-        matrix.z_axis.as_dvec3(),
-    );
-    let half = aabb.half_extents.as_dvec3();
-    OrientedBox {
-        center: axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        half_axes: DMat3::from_cols(
-            axes.x_axis * half.x,
-            axes.y_axis * half.y,
-            axes.z_axis * half.z,
-        ),
-    }
 }
 
 /// What a camera sees. `None` if its transform or projection is degenerate.

@@ -1,5 +1,6 @@
 //! Thin ECS systems: what is configured, what is planned and which casters are drawn.
 
+mod bounds;
 mod cull;
 mod gather;
 mod manage;
@@ -7,6 +8,7 @@ mod mesh_boxes;
 mod plan;
 mod publish;
 
+pub use bounds::{BoundsMargin, DisplacedMeshes};
 pub use cull::{CascadeRange, CasterCascades, cull_casters};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
@@ -47,6 +49,7 @@ pub enum PssmSystems {
 
 pub(crate) fn build(app: &mut App) {
     app.init_resource::<MeshBoxes>()
+        .init_resource::<DisplacedMeshes>()
         .init_resource::<ShadowGridOrigin>();
     app.register_required_components::<ParallelSplitShadows, ManagedLight>();
     app.register_required_components::<ShadowPreset, AppliedPreset>();

@@ -29,7 +29,7 @@ use bevy::{
 };
 
 use super::{
-    ManagedLight, MeshBoxes,
+    DisplacedMeshes, ManagedLight, MeshBoxes,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
 };
 use crate::{
@@ -139,9 +139,11 @@ pub fn plan_shadows(
     mut lights: Query<PlannedLight>,
     assets: Option<Res<Assets<Mesh>>>,
     mut parts: ResMut<MeshBoxes>,
+    displaced: Res<DisplacedMeshes>,
     origin: Res<ShadowGridOrigin>,
     mut warned: Local<EntityHashSet>,
 ) {
+    let displaced = displaced.get();
     let shining: Vec<(RenderLayers, ShadowFocus)> = lights
         .iter()
         .filter(|it| shines(it.light, it.inherited))
@@ -165,7 +167,14 @@ pub fn plan_shadows(
                     let receivers = if foci.contains(&ShadowFocus::Receivers) {
                         let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
                         let visible = visible.chain(&unculled);
-                        receivers(&volume, &meshes, visible, assets.as_deref(), &mut parts)
+                        receivers(
+                            &volume,
+                            &meshes,
+                            visible,
+                            assets.as_deref(),
+                            &mut parts,
+                            &displaced,
+                        )
                     } else {
                         Receivers::everywhere(&volume)
                     };

@@ -3,6 +3,7 @@
 //! The expected pictures are Bevy's own at four times the texels per map.
 
 use bevy::{
+    asset::uuid_handle,
     camera::{ScalingMode, Viewport},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     light::{
@@ -13,6 +14,7 @@ use bevy::{
     prelude::*,
     reflect::TypePath,
     render::render_resource::AsBindGroup,
+    shader::ShaderRef,
 };
 use bevy_pssm::prelude::*;
 use image::RgbaImage;
@@ -172,6 +174,107 @@ fn extended_material() {
     }
     let sun = stage.sun();
     assert_right("extended_material", &mut stage, sun);
+}
+
+/// Lifts a mesh out of its bounds.
+#[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
+struct Lifted {}
+
+const LIFT: f32 = 6.0;
+const LIFTED: Handle<Shader> = uuid_handle!("5c1b8b8e-3c8f-4f43-9d0a-2d6f9a2f7c11");
+
+impl MaterialExtension for Lifted {
+    fn vertex_shader() -> ShaderRef {
+        LIFTED.into()
+    }
+}
+
+#[test]
+fn ground_that_a_vertex_shader_lifts() {
+    type Material = ExtendedMaterial<StandardMaterial, Lifted>;
+    let shader = format!(
+        "import bevy_pbr::render::{{
+            forward_io::{{Vertex, VertexOutput, decompress_vertex}},
+            mesh_functions, view_transformations::position_world_to_clip,
+        }};
+        @vertex
+        fn vertex(compressed: Vertex) -> VertexOutput {{
+            let index = compressed.instance_index;
+            let vertex = decompress_vertex(compressed, index);
+            let world_from_local = mesh_functions::get_world_from_local(index);
+            let local = vec4(vertex.position + vec3(0.0, {LIFT:.1}, 0.0), 1.0);
+            var out: VertexOutput;
+            out.world_position = mesh_functions::mesh_position_local_to_world(world_from_local, local);
+            out.world_normal = mesh_functions::mesh_normal_local_to_world(vertex.normal, index);
+            out.position = position_world_to_clip(out.world_position.xyz);
+            @if(VERTEX_UVS_A) out.uv = vertex.uv;
+            @if(VERTEX_OUTPUT_INSTANCE_INDEX) out.instance_index = index;
+            return out;
+        }}"
+    );
+    for fit in [CascadeFit::Steady, CascadeFit::Tight] {
+        for margin in [None, Some(BoundsMargin(LIFT))] {
+            let mut stage = Stage::with_app(default(), |app| {
+                app.add_plugins(MaterialPlugin::<Material>::default());
+            });
+            stage.clear_casters();
+            stage.clear_ground();
+            let world = stage.world();
+            let shader = Shader::from_wesl(shader.clone(), "lifted.wesl");
+            let inserted = world
+                .resource_mut::<Assets<Shader>>()
+                .insert(&LIFTED, shader);
+            assert!(inserted.is_ok());
+            let base = StandardMaterial {
+                perceptual_roughness: 1.0,
+                ..default()
+            };
+            let plain = world
+                .resource_mut::<Assets<StandardMaterial>>()
+                .add(base.clone());
+            let lifted = world.resource_mut::<Assets<Material>>().add(Material {
+                base,
+                extension: Lifted {},
+            });
+            let mut meshes = world.resource_mut::<Assets<Mesh>>();
+            let ground = meshes.add(Plane3d::default().mesh().size(600.0, 600.0));
+            let block = meshes.add(Cuboid::from_length(3.0));
+            let ground = (
+                Mesh3d(ground),
+                MeshMaterial3d(lifted),
+                Transform::from_xyz(0.0, -LIFT, 0.0),
+                NotShadowCaster,
+            );
+            let mut ground = world.spawn(ground);
+            if let Some(margin) = margin {
+                ground.insert(margin);
+            }
+            // Above and behind the camera, which sees nothing but the ground.
+            for i in 0..24 {
+                let place = Vec3::new(
+                    -30.0 + 6.0 * (i % 8) as f32,
+                    25.0,
+                    4.0 + 7.0 * (i / 8) as f32,
+                );
+                world.spawn((
+                    Mesh3d(block.clone()),
+                    MeshMaterial3d(plain.clone()),
+                    Transform::from_translation(place),
+                ));
+            }
+            let sun = stage.sun();
+            let pictures = take(&mut stage, sun);
+            let fitted = ParallelSplitShadows {
+                fit: fit.clone(),
+                map_size: MapSize::Same(2048),
+                ..shadows()
+            };
+            stage.world().entity_mut(sun).insert(fitted);
+            let ours = stage.picture();
+            let name = format!("lifted_ground_{fit:?}_{}", margin.is_some());
+            assert_same_shadows(&name, &ours, &pictures.stock, &pictures.unshadowed);
+        }
+    }
 }
 
 #[test]

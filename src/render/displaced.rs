@@ -1,0 +1,38 @@
+//! Which meshes a vertex shader of their material's own moves.
+
+use bevy::{
+    ecs::{entity::EntityHashSet, system::Res},
+    material::MaterialProperties,
+    pbr::{MaterialVertexShader, PreparedMaterial, PrepassVertexShader, RenderMaterialInstances},
+    platform::collections::HashSet,
+    render::erased_render_asset::ErasedRenderAssets,
+};
+use core::any::TypeId;
+
+use crate::systems::DisplacedMeshes;
+
+/// Tells the main world, where bounds are used.
+pub(super) fn note_displaced_meshes(
+    materials: Res<ErasedRenderAssets<PreparedMaterial>>,
+    instances: Res<RenderMaterialInstances>,
+    displaced: Res<DisplacedMeshes>,
+) {
+    // Shaders belong to a material's type.
+    let types: HashSet<TypeId> = materials
+        .iter()
+        .filter(|(_, material)| has_vertex_shader(&material.properties))
+        .map(|(id, _)| id.type_id())
+        .collect();
+    let mut entities = EntityHashSet::default();
+    if !types.is_empty() {
+        let moved = instances.instances.iter();
+        let moved = moved.filter(|(_, instance)| types.contains(&instance.asset_id.type_id()));
+        entities.extend(moved.map(|(entity, _)| entity.id()));
+    }
+    displaced.set(entities);
+}
+
+fn has_vertex_shader(properties: &MaterialProperties) -> bool {
+    properties.get_shader(MaterialVertexShader).is_some()
+        || properties.get_shader(PrepassVertexShader).is_some()
+}
