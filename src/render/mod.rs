@@ -65,7 +65,7 @@ pub(crate) fn build(app: &mut App) {
     shaders::build(app);
     app.init_resource::<Requirements>().add_systems(
         PostUpdate,
-        (shader_features::add_needed, shaders::replace_shadow_module)
+        (shader_features::add_needed, shaders::replace_shadow_modules)
             .chain()
             .after(PssmSystems::ManageLights)
             .before(AssetEventSystems),

@@ -1,9 +1,9 @@
-//! The shader module that takes the place of `bevy_pbr::render::shadows`.
+//! The shader modules that take the places of `bevy_pbr::render::shadows` and `shadow_sampling`.
 //!
-//! Every shadow lookup in Bevy, forward, deferred, transmission and fog, goes through that
-//! module. Point and spot lights and directional lights without our component must stay
-//! exactly right, so the replacement *is* Bevy's text: its directional functions are renamed, and the
-//! plugin's, which choose between the two, take their names.
+//! Every shadow lookup in Bevy, forward, deferred, transmission and fog, goes through those
+//! modules. Point and spot lights and directional lights without our component must stay
+//! exactly right, so the replacements *are* Bevy's texts: some functions are renamed, and the plugin's,
+//! which choose between the two, take their names.
 
 mod features;
 
@@ -27,9 +27,6 @@ use crate::{
     geometry::bias,
     support::{Obstacle, ShadowSupport},
 };
-
-/// Where Bevy keeps the module.
-const BUILT_IN_PATH: &str = "embedded://bevy_pbr/render/shadows.wesl";
 
 /// Marks the uniform slot that holds our data: no component of a direction is this large.
 pub(crate) const SLOT_MARK: u32 = 20_607;
@@ -93,49 +90,65 @@ const CONSTANTS: [(&str, u32); 26] = [
     ("PSSM_GRID_TEXELS", GRID_TEXELS),
 ];
 
-const IMPORTS: &str = "
+/// A module of Bevy's, and what takes its place.
+struct Replacement {
+    /// Where Bevy keeps it.
+    path: &'static str,
+    imports: &'static str,
+    /// Functions whose names the plugin's take.
+    renamed: &'static [&'static str],
+    /// The plugin's.
+    functions: &'static str,
+}
+
+const REPLACEMENTS: [Replacement; 2] = [
+    Replacement {
+        path: "embedded://bevy_pbr/render/shadows.wesl",
+        imports: "
 import bevy_pssm::shaders::{
     directional::{
         cascade_at_depth, cascade_overlay, fetch_split_shadow, fog_lookup, sample_from_cascade,
     },
-    slot::{is_managed, built_in_uv_scale},
+    slot::is_managed,
 };
-";
-
-/// Functions of Bevy's module whose names the plugin's take.
-const RENAMED: [&str; 5] = [
-    "get_cascade_index",
-    "world_to_directional_light_local",
-    "sample_directional_cascade",
-    "fetch_directional_shadow",
-    "cascade_debug_visualization",
-];
-
-/// Lookups of spot lights and of Bevy's directional lights, which may have to be scaled.
-const REDIRECTED: [[&str; 2]; 2] = [
-    [
-        "return sample_shadow_map(",
-        "return sample_built_in_shadow_map(",
-    ],
-    [
-        "return sample_shadow_map_pcss(",
-        "return sample_built_in_shadow_map_pcss(",
-    ],
+",
+        renamed: &[
+            "get_cascade_index",
+            "world_to_directional_light_local",
+            "sample_directional_cascade",
+            "fetch_directional_shadow",
+            "cascade_debug_visualization",
+        ],
+        functions: include_str!("shadows.wesl"),
+    },
+    Replacement {
+        path: "embedded://bevy_pbr/render/shadow_sampling.wesl",
+        imports: "
+import bevy_pssm::shaders::slot::built_in_uv_scale;
+",
+        renamed: &[
+            "sample_shadow_map_hardware",
+            "sample_shadow_map",
+            "sample_shadow_map_pcss",
+        ],
+        functions: include_str!("shadow_sampling.wesl"),
+    },
 ];
 
 #[derive(Resource)]
-pub(crate) struct ShadowModule {
-    built_in: Handle<Shader>,
-    /// The text that takes its place.
-    text: Option<String>,
+pub(crate) struct ShadowModules {
+    built_in: [Handle<Shader>; 2],
+    /// The texts that take their places.
+    texts: Option<[String; 2]>,
     compiled: Option<ShaderFeatures>,
 }
 
-impl FromWorld for ShadowModule {
+impl FromWorld for ShadowModules {
     fn from_world(world: &mut World) -> Self {
+        let assets = world.resource::<AssetServer>();
         Self {
-            built_in: world.resource::<AssetServer>().load(BUILT_IN_PATH),
-            text: None,
+            built_in: REPLACEMENTS.map(|it| assets.load(it.path)),
+            texts: None,
             compiled: None,
         }
     }
@@ -147,48 +160,45 @@ pub(crate) fn build(app: &mut App) {
     load_shader_library!(app, "filter.wesl");
     load_shader_library!(app, "overlay.wesl");
     load_shader_library!(app, "directional.wesl");
-    app.init_resource::<ShadowModule>();
+    app.init_resource::<ShadowModules>();
 }
 
-/// Replaces the module as soon as it has loaded; sooner, the load would undo it. And again
+/// Replaces the modules as soon as they have loaded; sooner, the load would undo it. And again
 /// whenever features are added.
-pub(crate) fn replace_shadow_module(
-    mut module: ResMut<ShadowModule>,
+pub(crate) fn replace_shadow_modules(
+    mut modules: ResMut<ShadowModules>,
     mut shaders: ResMut<Assets<Shader>>,
     features: Res<ShaderFeatures>,
     support: Res<ShadowSupport>,
 ) {
-    // Once replaced, the module has to follow what lights need, Bevy's own lookups included.
-    let is_refused = !support.may_take_over() && module.compiled.is_none();
-    if module.compiled == Some(*features) || is_refused {
+    // Once replaced, the modules have to follow what lights need, Bevy's own lookups included.
+    let is_refused = !support.may_take_over() && modules.compiled.is_none();
+    if modules.compiled == Some(*features) || is_refused {
         return;
     }
-    let module = &mut *module;
-    if module.text.is_none() {
-        let Some(built_in) = shaders.get(&module.built_in) else {
+    let modules = &mut *modules;
+    if modules.texts.is_none() {
+        let [Some(lookups), Some(samples)] = modules.built_in.each_ref().map(|it| shaders.get(it))
+        else {
             return;
         };
-        let text = match &built_in.source {
-            Source::Wesl(text) => replacement_for(text),
-            _ => Err("WESL".to_owned()),
-        };
-        match text {
-            Ok(text) => module.text = Some(text),
-            Err(missing) => support.refuse(Obstacle::ShaderModule {
-                path: BUILT_IN_PATH,
-                missing,
-            }),
+        match (replaced(0, lookups), replaced(1, samples)) {
+            (Ok(lookups), Ok(samples)) => modules.texts = Some([lookups, samples]),
+            (Err(obstacle), _) | (_, Err(obstacle)) => support.refuse(obstacle),
         }
     }
-    let Some(text) = &module.text else {
+    let Some(texts) = &modules.texts else {
         return;
     };
-    let mut shader = Shader::from_wesl(text.clone(), BUILT_IN_PATH);
-    shader.shader_defs = shader_defs(*features);
-    if let Err(err) = shaders.insert(&module.built_in, shader) {
-        error!("Could not replace {BUILT_IN_PATH}: {err}");
+    let modules_and_texts = modules.built_in.iter().zip(texts);
+    for ((built_in, text), Replacement { path, .. }) in modules_and_texts.zip(REPLACEMENTS) {
+        let mut shader = Shader::from_wesl(text.clone(), path);
+        shader.shader_defs = shader_defs(*features);
+        if let Err(err) = shaders.insert(built_in, shader) {
+            error!("Could not replace {path}: {err}");
+        }
     }
-    module.compiled = Some(*features);
+    modules.compiled = Some(*features);
 }
 
 /// Constants that the library shares with Rust, the features that are in, and the switch that makes
@@ -210,24 +220,23 @@ pub fn shader_defs(features: ShaderFeatures) -> Vec<ShaderDefVal> {
     defs
 }
 
-/// The text that replaces Bevy's module of text `built_in`.
-///
-/// # Errors
-/// What that lacks of what is renamed or redirected.
-pub fn replacement_for(built_in: &str) -> Result<String, String> {
-    let mut text = built_in.to_owned();
-    for name in RENAMED {
+/// The text that replaces one of Bevy's modules.
+fn replaced(index: usize, built_in: &Shader) -> Result<String, Obstacle> {
+    let it = &REPLACEMENTS[index];
+    let lacks = |missing: String| Obstacle::ShaderModule {
+        path: it.path,
+        missing,
+    };
+    let Source::Wesl(text) = &built_in.source else {
+        return Err(lacks("WESL".to_owned()));
+    };
+    let mut text = text.to_string();
+    for name in it.renamed {
         let function = format!("fn {name}(");
         if !text.contains(&function) {
-            return Err(function);
+            return Err(lacks(function));
         }
         text = text.replace(&format!("{name}("), &format!("built_in_{name}("));
     }
-    for [from, to] in REDIRECTED {
-        if !text.contains(from) {
-            return Err(from.to_owned());
-        }
-        text = text.replace(from, to);
-    }
-    Ok([IMPORTS, &text, include_str!("shadows.wesl")].concat())
+    Ok([it.imports, &text, it.functions].concat())
 }

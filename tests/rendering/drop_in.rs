@@ -389,7 +389,8 @@ fn assert_stays_bevys(name: &str, map_size: u32, levels: u8, spawn_other: impl F
     let mut stage = Stage::new();
     let sun = stage.sun();
     if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
-        light.illuminance = 0.0;
+        // Of one that gives none at all there would be no maps.
+        light.illuminance = 1e-6;
     }
     spawn_other(stage.world());
     let stock = stage.picture();
@@ -471,6 +472,40 @@ fn two_suns_of_ours() {
 fn spot_and_point_lights_stay_bevys() {
     assert_stays_bevys("spot", 1024, 0, spot_light);
     assert_stays_bevys("spot_large_ours", 1500, 2, spot_light);
+}
+
+/// A spot light in fog.
+fn foggy_spot_light(world: &mut World) {
+    world.add_observer(|camera: On<Add<Camera3d>>, mut commands: Commands| {
+        commands.entity(camera.entity).insert(VolumetricFog {
+            ambient_intensity: 0.0,
+            ..default()
+        });
+    });
+    world.spawn((
+        SpotLight {
+            intensity: 40_000_000.0,
+            range: 60.0,
+            outer_angle: 0.9,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        VolumetricLight,
+        Transform::from_xyz(-8.0, 9.0, 4.0).looking_at(Vec3::new(0.0, 0.0, -6.0), Vec3::Y),
+    ));
+    world.spawn((
+        FogVolume {
+            density_factor: 0.05,
+            ..default()
+        },
+        Transform::from_scale(Vec3::new(60.0, 20.0, 120.0)),
+    ));
+}
+
+#[test]
+fn fog_around_spot_lights_stays_bevys() {
+    assert_stays_bevys("foggy_spot", 1024, 0, foggy_spot_light);
+    assert_stays_bevys("foggy_spot_large_ours", 2048, 2, foggy_spot_light);
 }
 
 #[test]

@@ -71,14 +71,14 @@ fn another_light_uniform() {
 fn another_shadow_module() {
     // Written in another way, the module still does the same.
     fn rewrite(mut shaders: ResMut<Assets<Shader>>) {
-        const CALL: &str = "return sample_shadow_map(";
+        const FUNCTION: &str = "fn sample_shadow_map(";
         let found = shaders
             .iter()
             .find_map(|(id, shader)| match &shader.source {
-                Source::Wesl(text) if shader.path.ends_with("render/shadows.wesl") => {
+                Source::Wesl(text) if shader.path.ends_with("render/shadow_sampling.wesl") => {
                     let text = text
-                        .contains(CALL)
-                        .then(|| text.replace(CALL, "return  sample_shadow_map("));
+                        .contains(FUNCTION)
+                        .then(|| text.replace(FUNCTION, "fn  sample_shadow_map("));
                     Some((id, text?, shader.path.clone()))
                 }
                 _ => None,
@@ -88,13 +88,9 @@ fn another_shadow_module() {
             shaders.insert(id, shader).expect("the asset is there");
         }
     }
-    assert_left_to_bevy(
-        "shadow_module",
-        "has no `return sample_shadow_map(`",
-        |app| {
-            app.add_systems(Update, rewrite);
-        },
-    );
+    assert_left_to_bevy("shadow_module", "has no `fn sample_shadow_map(`", |app| {
+        app.add_systems(Update, rewrite);
+    });
 }
 
 #[test]

@@ -67,14 +67,16 @@ fn every_flag_combination_compiles() {
     stage.picture();
     let device = stage.world().resource::<RenderDevice>().clone();
     let mut cache = ShaderCache::new(device, load);
-    let mut replacement = None;
+    let mut replacements = Vec::new();
     for (id, shader) in stage.world().resource::<Assets<Shader>>().iter() {
         cache.set_shader(id, shader.clone());
-        if shader.path.ends_with("bevy_pbr/render/shadows.wesl") {
-            replacement = Some((id, shader.clone()));
+        let names = ["shadows.wesl", "shadow_sampling.wesl"];
+        let is_ours = |name| shader.path.ends_with(&format!("bevy_pbr/render/{name}"));
+        if names.into_iter().any(is_ours) {
+            replacements.push((id, shader.clone()));
         }
     }
-    let (module, replacement) = replacement.expect("Bevy's module has gone");
+    assert_eq!(replacements.len(), 2, "Bevy's modules have gone");
     let entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(1));
     cache.set_shader(
         entry,
@@ -111,22 +113,25 @@ fn every_flag_combination_compiles() {
             // With half of everything else.
             faces: set.count_ones() % 2 == 1,
         };
-        let mut shader = replacement.clone();
-        shader.shader_defs = shader_defs(parts);
+        let mut defs = shader_defs(parts);
         // Some as browsers have them.
-        for def in &mut shader.shader_defs {
+        for def in &mut defs {
             if let ShaderDefVal::Bool(name, value) = def
                 && name == "PSSM_DERIVATIVES"
             {
                 *value = set & 3 != 3;
             }
         }
+        for (module, shader) in &replacements {
+            let mut shader = shader.clone();
+            shader.shader_defs = defs.clone();
+            cache.set_shader(*module, shader);
+        }
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
             0 | 127 => &platforms[..],
             _ => &platforms[set as usize % 5..][..1],
         };
-        cache.set_shader(module, shader);
         for filter in filters {
             for platform in platforms {
                 let mut defs: Vec<ShaderDefVal> =
