@@ -87,10 +87,11 @@ impl ConvexBody {
         let inside = self.center();
         self.faces().filter_map(move |face| {
             let normal = self.outward_normal(face, inside)?;
-            Some(HalfSpace {
-                normal,
-                distance: normal.dot(self.corners[face[0]]),
-            })
+            // A face that is small beside the body has a normal of little precision: no corner may be
+            // beyond it all the same.
+            let distances = self.corners.iter().map(|corner| normal.dot(*corner));
+            let distance = distances.fold(f64::NEG_INFINITY, f64::max);
+            Some(HalfSpace { normal, distance })
         })
     }
 

@@ -54,7 +54,7 @@ pub(super) fn receivers(
             _ if !it.inherited.get() => {}
             // Still loading, and not drawn.
             None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
-            Some(aabb) if !it.is_unculled => {
+            Some(aabb) if !it.is_unculled && aabb.half_extents.is_finite() => {
                 let world_from_local = it.transform.affine();
                 let margin = Margin::of(it.entity, it.margin, displaced);
                 let bounds = world_bounds(aabb, &world_from_local, margin);

@@ -830,3 +830,43 @@ fn fading_does_not_depend_on_what_is_seen() {
         assert_eq!(last_fade(far), whole);
     }
 }
+
+proptest! {
+    /// Slices that begin a hair before the eye and end at the horizon lose nothing of what is in them.
+    #[test]
+    fn deep_slices_find_what_is_in_them(
+        ratio in 0.0..8.0_f64,
+        far in 0.0..5.0_f64,
+        turn in any_turn(),
+        at in (0.01..0.99_f64, 0.01..0.99_f64, 0.001..0.999_f64),
+        eye in -1e6..1e6_f32,
+    ) {
+        let far = 10.0_f64.powf(far);
+        let near = far / 10.0_f64.powf(ratio) * 0.99;
+        let mut lens = perspective(0.8, 1.6);
+        if let bevy::camera::Projection::Perspective(lens) = &mut lens {
+            lens.near = 1e-9;
+        }
+        let view = volume(&lens, Vec3::new(eye, 0.0, -eye), turn);
+        let slice = view.slice(near, far).expect("a slice");
+        let c = &slice.corners;
+        let on = |q: usize| {
+            let bottom = c[q].lerp(c[q + 1], at.0);
+            bottom.lerp(c[q + 3].lerp(c[q + 2], at.0), at.1)
+        };
+        let point = on(0).lerp(on(4), at.2);
+        let mut receivers = Receivers::new(&view);
+        receivers.add(&OrientedBox {
+            center: point,
+            half_axes: DMat3::from_diagonal(DVec3::splat(1e-6 * far)),
+        });
+        let found = receivers.in_slices([Some(&slice)])[0];
+        prop_assert!(!found.is_empty(), "{} {} {}", near, far, point);
+        let body = ConvexBody::of_slice(&slice);
+        for plane in body.planes() {
+            let farthest = body.corners.iter().map(|corner| plane.normal.dot(*corner));
+            let farthest = farthest.fold(f64::NEG_INFINITY, f64::max);
+            prop_assert!(farthest <= plane.distance, "{} {} {:?}", near, far, plane);
+        }
+    }
+}

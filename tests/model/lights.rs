@@ -11,6 +11,7 @@ use bevy::{
         CascadeShadowConfig, CascadeShadowConfigBuilder, Cascades, NotShadowCaster,
         SimulationLightSystems,
     },
+    math::Vec3A,
     prelude::*,
     shape::ViewFrustum,
 };
@@ -124,6 +125,28 @@ fn bevys_components_carry_the_plans() {
         let expected = ViewFrustum::from_clip_from_world(&cascade.clip_from_world);
         assert_eq!(format!("{:?}", frustum.0), format!("{expected:?}"));
     }
+}
+
+/// Of a mesh without end nothing says where it is not seen.
+#[test]
+fn endless_receivers_are_everywhere() {
+    let mut app = app();
+    let view = app
+        .world_mut()
+        .spawn((Camera3d::default(), Transform::from_xyz(0.0, 2.0, 0.0)))
+        .id();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    app.world_mut().spawn((
+        Mesh3d::default(),
+        Aabb {
+            half_extents: Vec3A::INFINITY,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::new(1.0, 0.3, 0.2), Vec3::Y),
+    ));
+    app.update();
+    let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+    assert!(plans.iter().all(|plan| plan.map.is_some()));
 }
 
 /// A light that can show no shadow to a camera costs it nothing.
