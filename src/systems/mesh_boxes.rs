@@ -5,17 +5,21 @@ use bevy::{
     camera::primitives::Aabb,
     ecs::{message::MessageReader, resource::Resource, system::ResMut},
     math::{Vec3, Vec3A},
-    mesh::Mesh,
+    mesh::{Indices, Mesh, PrimitiveTopology},
     platform::collections::HashMap,
 };
 
-use crate::geometry::{hysteresis::SHRINK_DELAY, mesh_boxes::part_boxes};
+use crate::geometry::{hysteresis::SHRINK_DELAY, mesh_boxes::PartBoxes};
 
 /// Smaller meshes are known by their own box (triangles).
 const MIN_TRIANGLES: usize = 512;
 
 /// Boxes that differ by less than this, as a share of their size, are the same.
 const ROUNDING: f32 = 1e-5;
+
+/// Triangles that are worked through in a frame, a few milliseconds' worth: of larger meshes parts are
+/// known some frames later.
+const TRIANGLES_PER_FRAME: usize = 1 << 16;
 
 /// The boxes of meshes' parts, worked out when they are first asked for.
 #[derive(Resource, Debug, Default)]
@@ -24,54 +28,129 @@ pub struct MeshBoxes {
     /// Meshes that have changed lately, and for how many frames more they have no parts: those that
     /// change with every frame would cost too much.
     changing: HashMap<AssetId<Mesh>, u32>,
+    /// Triangles that have been worked through in this frame.
+    spent: usize,
 }
 
-#[derive(Debug, Default)]
-struct Known {
-    whole: Aabb,
-    parts: Vec<Aabb>,
+#[derive(Debug)]
+enum Known {
+    /// In pass 0 or 1, at a triangle.
+    Working {
+        boxes: PartBoxes,
+        pass: usize,
+        next: usize,
+    },
+    /// The whole mesh's box and its parts', or none.
+    Done(Option<(Aabb, Vec<Aabb>)>),
+}
+
+impl Default for Known {
+    fn default() -> Self {
+        Self::Working {
+            boxes: PartBoxes::default(),
+            pass: 0,
+            next: 0,
+        }
+    }
 }
 
 impl MeshBoxes {
     /// The boxes of a mesh's parts, in its own space. Empty if the mesh is small, not there, without
-    /// indices, changing, moved by joints or targets, or if an entity's box is not that of the mesh's
-    /// vertices: then something else moves them.
+    /// indices, changing, moved by joints or targets, if an entity's box is not that of the mesh's
+    /// vertices, as something else then moves them, or until the parts are worked out.
     pub fn of(&mut self, id: AssetId<Mesh>, aabb: &Aabb, assets: &Assets<Mesh>) -> &[Aabb] {
         if self.changing.contains_key(&id) {
             return &[];
         }
-        let known = || assets.get(id).and_then(Known::new).unwrap_or_default();
-        let known = self.known.entry(id).or_insert_with(known);
-        if is_same(&known.whole, aabb) {
-            &known.parts
-        } else {
-            &[]
+        let known = self.known.entry(id).or_default();
+        if matches!(known, Known::Working { .. }) {
+            let mesh = assets.get(id).and_then(PartedMesh::new);
+            known.work(mesh.as_ref(), &mut self.spent);
+        }
+        match known {
+            Known::Done(Some((whole, parts))) if is_same(whole, aabb) => parts,
+            _ => &[],
         }
     }
 }
 
 impl Known {
-    fn new(mesh: &Mesh) -> Option<Self> {
-        let triangles = mesh.try_indices().ok()?.len() / 3;
+    /// Goes on as far as the frame allows.
+    fn work(&mut self, mesh: Option<&PartedMesh>, spent: &mut usize) {
+        let (Self::Working { boxes, pass, next }, Some(mesh)) = (&mut *self, mesh) else {
+            *self = Self::Done(None);
+            return;
+        };
+        let all = mesh.triangles();
+        // What fits into a frame is never spread over several.
+        let left = TRIANGLES_PER_FRAME.saturating_sub(*spent);
+        if *next == 0 && *pass == 0 && all <= TRIANGLES_PER_FRAME && all > left {
+            return;
+        }
+        let mut left = if all <= left { 2 * all } else { left };
+        *spent += left;
+        while left > 0 && *pass < 2 {
+            let end = all.min(*next + left);
+            left -= end - *next;
+            for index in *next..end {
+                match (*pass, mesh.triangle(index)) {
+                    (0, Some(triangle)) => boxes.measure(triangle),
+                    (_, Some(triangle)) => boxes.sort_in(triangle),
+                    (_, None) => {}
+                }
+            }
+            *next = end;
+            if end == all {
+                (*pass, *next) = (*pass + 1, 0);
+                if *pass == 1 {
+                    boxes.lay_grid();
+                }
+            }
+        }
+        if *pass == 2 {
+            let parts = core::mem::take(boxes).finish().into_iter();
+            let parts = parts.map(|[lo, hi]| Aabb::from_min_max(lo, hi)).collect();
+            let vertices = mesh.positions.iter().copied().map(Vec3::from);
+            *self = Self::Done(Aabb::enclosing(vertices).map(|whole| (whole, parts)));
+        }
+    }
+}
+
+/// A mesh that is worth parts: large, in one piece, a list of triangles.
+struct PartedMesh<'a> {
+    positions: &'a [[f32; 3]],
+    indices: &'a Indices,
+}
+
+impl<'a> PartedMesh<'a> {
+    fn new(mesh: &'a Mesh) -> Option<Self> {
+        let indices = mesh.try_indices().ok()?;
         let moves = [
             mesh.try_contains_attribute(Mesh::ATTRIBUTE_JOINT_INDEX),
             mesh.try_has_morph_targets(),
         ];
         let is_rigid = moves.iter().all(|moves| matches!(moves, Ok(false)));
-        if triangles < MIN_TRIANGLES || !is_rigid {
-            return None;
-        }
+        let is_list = mesh.primitive_topology() == PrimitiveTopology::TriangleList;
         let vertices = mesh.try_attribute(Mesh::ATTRIBUTE_POSITION).ok()?;
-        let vertices = vertices.as_float3()?.iter().copied().map(Vec3::from);
-        let triangles = || {
-            let triangles = mesh.triangles().into_iter().flatten();
-            triangles.map(|triangle| triangle.vertices)
+        let positions = vertices.as_float3()?;
+        let is_worth_it = is_rigid && is_list && indices.len() / 3 >= MIN_TRIANGLES;
+        is_worth_it.then_some(Self { positions, indices })
+    }
+
+    fn triangles(&self) -> usize {
+        self.indices.len() / 3
+    }
+
+    fn triangle(&self, index: usize) -> Option<[Vec3; 3]> {
+        let vertex = |corner: usize| {
+            let corner = 3 * index + corner;
+            let vertex = match self.indices {
+                Indices::U16(indices) => usize::from(*indices.get(corner)?),
+                Indices::U32(indices) => *indices.get(corner)? as usize,
+            };
+            self.positions.get(vertex).copied().map(Vec3::from)
         };
-        let boxes = part_boxes(triangles).into_iter();
-        Some(Self {
-            whole: Aabb::enclosing(vertices)?,
-            parts: boxes.map(|[lo, hi]| Aabb::from_min_max(lo, hi)).collect(),
-        })
+        Some([vertex(0)?, vertex(1)?, vertex(2)?])
     }
 }
 
@@ -83,7 +162,12 @@ fn is_same(a: &Aabb, b: &Aabb) -> bool {
 
 /// Forgets the parts of meshes that have changed or gone.
 pub fn forget_changed(mut events: MessageReader<AssetEvent<Mesh>>, mut boxes: ResMut<MeshBoxes>) {
-    let MeshBoxes { known, changing } = &mut *boxes;
+    let MeshBoxes {
+        known,
+        changing,
+        spent,
+    } = &mut *boxes;
+    *spent = 0;
     changing.retain(|_, frames| {
         *frames -= 1;
         *frames > 0

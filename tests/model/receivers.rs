@@ -170,11 +170,11 @@ fn focus_can_be_switched_off() {
 }
 
 /// Ground of one piece, flat but for a peak behind the camera, which stands over it and looks down.
-fn terrain() -> Mesh {
+fn terrain(subdivisions: u32) -> Mesh {
     let mut mesh = Plane3d::default()
         .mesh()
         .size(400.0, 400.0)
-        .subdivisions(40)
+        .subdivisions(subdivisions)
         .build();
     if let Some(VertexAttributeValues::Float32x3(places)) =
         mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION)
@@ -184,13 +184,40 @@ fn terrain() -> Mesh {
     mesh
 }
 
+/// The parts of a mesh too large for one frame are known some frames later; until then its own box
+/// counts, and nothing stalls.
+#[test]
+fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
+    let mut setting = Setting::new(NotShadowReceiver);
+    let (view, world) = (setting.view, setting.app.world_mut());
+    let down = Transform::from_xyz(0.0, 60.0, 0.0).looking_to(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
+    world.entity_mut(view).insert(down);
+    let first_far = |setting: &mut Setting| setting.plans()[0].far;
+    let add = |setting: &mut Setting, subdivisions: u32| {
+        let world = setting.app.world_mut();
+        let mesh = terrain(subdivisions);
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+        world.spawn(Mesh3d(mesh)).id()
+    };
+    let small = add(&mut setting, 40);
+    let by_parts = first_far(&mut setting);
+    setting.app.world_mut().despawn(small);
+    // Some 400,000 triangles.
+    add(&mut setting, 450);
+    let at_first = first_far(&mut setting);
+    assert!(at_first < by_parts, "{at_first} {by_parts}");
+    let frames = (1..60).find(|_| first_far(&mut setting) > 60.0);
+    let frames = frames.expect("parts are known in the end");
+    assert!((4..30).contains(&frames), "{frames}");
+}
+
 #[test]
 fn large_meshes_are_known_by_their_parts() {
     let mut setting = Setting::new(NotShadowReceiver);
     let (view, world) = (setting.view, setting.app.world_mut());
     let down = Transform::from_xyz(0.0, 60.0, 0.0).looking_to(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
     world.entity_mut(view).insert(down);
-    let mesh = world.resource_mut::<Assets<Mesh>>().add(terrain());
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(terrain(40));
     let ground = world
         .spawn((Mesh3d(mesh.clone()), Transform::default()))
         .id();
