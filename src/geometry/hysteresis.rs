@@ -48,6 +48,21 @@ impl Hold {
     };
 }
 
+impl Hold {
+    /// With so large a `step` that what has headroom is no more than about twice too large.
+    fn within(self, step: f64) -> Self {
+        if self.headroom == 0 {
+            return self;
+        }
+        let doublings = core::f64::consts::LN_2 / step.ln();
+        Self {
+            steps: self.steps.min(doublings.max(1.0)),
+            headroom: self.headroom.min((0.5 * doublings) as u32),
+            ..self
+        }
+    }
+}
+
 impl<T> Default for Kept<T> {
     fn default() -> Self {
         Self::with(Hold::SHORT)
@@ -85,9 +100,11 @@ impl Slack {
         let step = 1.0 + self.0;
         let steps = side * needed.ln() / step.ln();
         let least = (steps - ROUNDING + kept.hold.margin).ceil();
+        let hold = kept.hold.within(step);
         let rounded = step.powf(side * least);
         let too_large = |value: f64| side * (value / rounded).ln();
         kept.update(
+            hold,
             |headroom| step.powf(side * (least + headroom)),
             |value| side * (value / needed).ln() >= -ROUNDING,
             |value| too_large(value) / step.ln() - ROUNDING,
@@ -106,6 +123,7 @@ impl Slack {
         let rounded = [(lo + ROUNDING).floor(), (hi - ROUNDING).ceil()];
         let in_steps = |[low, high]: [f64; 2]| [low / step, high / step];
         kept.update(
+            kept.hold,
             |headroom| {
                 [
                     (rounded[0] - headroom) * step,
@@ -146,6 +164,7 @@ impl<T: Copy> Kept<T> {
     /// steps a value is.
     fn update(
         &mut self,
+        hold: Hold,
         needed: impl Fn(f64) -> T,
         suffices: impl Fn(T) -> bool,
         steps_too_large: impl Fn(T) -> f64,
@@ -160,15 +179,15 @@ impl<T: Copy> Kept<T> {
                 self.frames_too_large = 0;
                 return value;
             }
-            if steps <= self.hold.steps {
-                if self.frames_too_large < self.hold.frames {
+            if steps <= hold.steps {
+                if self.frames_too_large < hold.frames {
                     self.frames_too_large += 1;
                     return value;
                 }
                 self.growths = 0;
             }
         } else {
-            self.growths = self.hold.headroom.min(self.growths + 1);
+            self.growths = hold.headroom.min(self.growths + 1);
             headroom = self.growths;
         }
         self.frames_too_large = 0;

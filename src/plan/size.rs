@@ -76,7 +76,9 @@ pub(super) fn map_sizes(
             let texels = least + rest * aliasing.storage() / total;
             let width = aliasing.balanced_resolution(texels).x;
             // Where one side is as long as can be, the other gets no more for it.
-            let width = width.max(texels / most.y).min(most.x);
+            let least_side = f64::from(MIN_MAP_SIZE);
+            let widest = most.x.min(texels / least_side);
+            let width = width.max(texels / most.y).max(least_side).min(widest);
             let wanted = DVec2::new(width, (texels / width).min(most.y));
             let [across, up] = &mut kept[index].size;
             let size = DVec2::new(

@@ -1,7 +1,7 @@
 //! Which meshes a vertex shader of their material's own moves.
 
 use bevy::{
-    ecs::{entity::EntityHashSet, system::Res},
+    ecs::system::Res,
     material::MaterialProperties,
     pbr::{MaterialVertexShader, PreparedMaterial, PrepassVertexShader, RenderMaterialInstances},
     platform::collections::HashSet,
@@ -23,13 +23,19 @@ pub(super) fn note_displaced_meshes(
         .filter(|(_, material)| has_vertex_shader(&material.properties))
         .map(|(id, _)| id.type_id())
         .collect();
-    let mut entities = EntityHashSet::default();
-    if !types.is_empty() {
-        let moved = instances.instances.iter();
-        let moved = moved.filter(|(_, instance)| types.contains(&instance.asset_id.type_id()));
-        entities.extend(moved.map(|(entity, _)| entity.id()));
+    if types.is_empty() {
+        return;
     }
-    displaced.set(entities);
+    // Of what is out of sight there is no instance: it stays what it was.
+    displaced.update(|known| {
+        for (entity, instance) in &instances.instances {
+            if types.contains(&instance.asset_id.type_id()) {
+                known.insert(entity.id());
+            } else {
+                known.remove(&entity.id());
+            }
+        }
+    });
 }
 
 fn has_vertex_shader(properties: &MaterialProperties) -> bool {

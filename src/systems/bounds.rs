@@ -7,10 +7,13 @@ use bevy::{
     ecs::{
         component::Component,
         entity::{Entity, EntityHashSet},
+        lifecycle::RemovedComponents,
         reflect::ReflectComponent,
         resource::Resource,
+        system::Res,
     },
     math::{Affine3A, DMat3, DVec3},
+    mesh::Mesh3d,
     platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
@@ -20,24 +23,41 @@ use crate::geometry::oriented_box::OrientedBox;
 /// How far the vertex shader of a mesh's material may move vertices out of the mesh's bounds (meters).
 ///
 /// Without it, a mesh whose material has a vertex shader of its own is taken to reach out of its bounds
-/// by half of its longest side, which costs sharpness where that is much too far.
+/// by half of its longest side, which costs sharpness where that is much too far. Of casters that have
+/// never been seen, nor thrown a shadow, that is not known: where such a mesh is moved far, it wants a
+/// margin. Infinite ones are allowed.
 #[derive(Component, Reflect, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct BoundsMargin(pub f32);
 
-/// Entities whose material has a vertex shader of its own, as the renderer last knew.
+/// Entities whose material has a vertex shader of its own, as far as the renderer has seen them.
 #[derive(Resource, Debug, Default, Clone)]
-pub struct DisplacedMeshes(Arc<Mutex<EntityHashSet>>);
+pub struct DisplacedMeshes(Arc<Mutex<Arc<EntityHashSet>>>);
 
 impl DisplacedMeshes {
-    /// Replaces the set.
-    pub fn set(&self, entities: EntityHashSet) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = entities;
+    /// Changes the set.
+    pub fn update(&self, change: impl FnOnce(&mut EntityHashSet)) {
+        let mut entities = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        change(Arc::make_mut(&mut entities));
     }
 
-    pub(super) fn get(&self) -> EntityHashSet {
+    pub(super) fn get(&self) -> Arc<EntityHashSet> {
         let entities = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         entities.clone()
+    }
+}
+
+/// Forgets meshes that have gone.
+pub(super) fn forget_removed(
+    mut removed: RemovedComponents<Mesh3d>,
+    displaced: Res<DisplacedMeshes>,
+) {
+    if !removed.is_empty() && !displaced.get().is_empty() {
+        displaced.update(|known| {
+            for entity in removed.read() {
+                known.remove(&entity);
+            }
+        });
     }
 }
 
@@ -54,7 +74,7 @@ pub(super) enum Margin {
 impl Margin {
     pub fn of(entity: Entity, margin: Option<&BoundsMargin>, displaced: &EntityHashSet) -> Self {
         match margin {
-            Some(BoundsMargin(meters)) if meters.is_finite() => {
+            Some(BoundsMargin(meters)) if !meters.is_nan() => {
                 Self::Meters(f64::from(meters.max(0.0)))
             }
             _ if displaced.contains(&entity) => Self::OwnSize,
@@ -76,24 +96,24 @@ pub(super) fn world_bounds(
         matrix.z_axis.as_dvec3(),
     );
     let half = aabb.half_extents.as_dvec3();
-    let scale = DVec3::new(
-        axes.x_axis.length(),
-        axes.y_axis.length(),
-        axes.z_axis.length(),
-    );
-    let meters = match margin {
-        Margin::None => 0.0,
-        Margin::Meters(meters) => meters,
-        Margin::OwnSize => (half * scale).max_element(),
-    };
-    // Of an axis of no length nothing could be taken for a margin along it.
-    let half = half + DVec3::splat(meters) / scale.max(DVec3::splat(f64::MIN_POSITIVE));
-    OrientedBox {
+    let half_axes = [
+        axes.x_axis * half.x,
+        axes.y_axis * half.y,
+        axes.z_axis * half.z,
+    ];
+    let bounds = OrientedBox {
         center: axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        half_axes: DMat3::from_cols(
-            axes.x_axis * half.x,
-            axes.y_axis * half.y,
-            axes.z_axis * half.z,
-        ),
+        half_axes: DMat3::from_cols_array_2d(&half_axes.map(|axis| axis.to_array())),
+    };
+    let meters = match margin {
+        Margin::None => return bounds,
+        Margin::Meters(meters) => meters,
+        Margin::OwnSize => half_axes.map(DVec3::length).into_iter().fold(0.0, f64::max),
+    };
+    // Along the world's axes, or flat and sheared boxes would have none on some sides.
+    let half: DVec3 = half_axes.into_iter().map(DVec3::abs).sum();
+    OrientedBox {
+        half_axes: DMat3::from_diagonal(half + meters),
+        ..bounds
     }
 }

@@ -58,7 +58,7 @@ pub(super) fn receivers(
                 let world_from_local = it.transform.affine();
                 let margin = Margin::of(it.entity, it.margin, displaced);
                 let bounds = world_bounds(aabb, &world_from_local, margin);
-                let has_parts = !it.has_no_bounds && margin == Margin::None;
+                let has_parts = !it.has_no_bounds && margin != Margin::OwnSize;
                 let parts = match assets {
                     Some(assets) if has_parts && is_close(view, &bounds) => {
                         parts.of(it.mesh.0.id(), aabb, assets)
@@ -66,9 +66,11 @@ pub(super) fn receivers(
                     _ => &[],
                 };
                 for part in parts {
-                    receivers.add(&world_bounds(part, &world_from_local, Margin::None));
+                    receivers.add(&world_bounds(part, &world_from_local, margin));
                 }
-                if parts.is_empty() {
+                if margin == Margin::Meters(f64::INFINITY) {
+                    receivers.add_everywhere();
+                } else if parts.is_empty() {
                     receivers.add(&bounds);
                 }
             }

@@ -227,7 +227,7 @@ pub(super) fn manage_lights(
             if is_removed {
                 commands
                     .entity(it.entity)
-                    .queue(|mut light: EntityWorldMut| {
+                    .queue_silenced(|mut light: EntityWorldMut| {
                         // It may have come back until this is carried out.
                         if !light.contains::<ParallelSplitShadows>() {
                             light.remove::<(ManagedLight, ShadowPlans, CasterCascades)>();

@@ -1,7 +1,7 @@
 //! The parts of large meshes that a camera stands close to.
 
 use bevy::{
-    asset::{AssetEvent, AssetId, Assets},
+    asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     camera::primitives::Aabb,
     ecs::{message::MessageReader, resource::Resource, system::ResMut},
     math::{Vec3, Vec3A},
@@ -17,8 +17,8 @@ const MIN_TRIANGLES: usize = 512;
 /// Boxes that differ by less than this, as a share of their size, are the same.
 const ROUNDING: f32 = 1e-5;
 
-/// Triangles that are worked through in a frame, a few milliseconds' worth: of larger meshes parts are
-/// known some frames later.
+/// Triangles of larger meshes that are worked through in a frame, a few milliseconds' worth: their parts
+/// are known some frames later.
 const TRIANGLES_PER_FRAME: usize = 1 << 16;
 
 /// The boxes of meshes' parts, worked out when they are first asked for.
@@ -28,15 +28,16 @@ pub struct MeshBoxes {
     /// Meshes that have changed lately, and for how many frames more they have no parts: those that
     /// change with every frame would cost too much.
     changing: HashMap<AssetId<Mesh>, u32>,
-    /// Triangles that have been worked through in this frame.
+    /// Triangles of larger meshes that have been worked through in this frame.
     spent: usize,
 }
 
 #[derive(Debug)]
 enum Known {
-    /// In pass 0 or 1, at a triangle.
+    /// In pass 0 or 1, at a triangle of so many.
     Working {
         boxes: PartBoxes,
+        of: usize,
         pass: usize,
         next: usize,
     },
@@ -48,6 +49,7 @@ impl Default for Known {
     fn default() -> Self {
         Self::Working {
             boxes: PartBoxes::default(),
+            of: 0,
             pass: 0,
             next: 0,
         }
@@ -77,18 +79,35 @@ impl MeshBoxes {
 impl Known {
     /// Goes on as far as the frame allows.
     fn work(&mut self, mesh: Option<&PartedMesh>, spent: &mut usize) {
-        let (Self::Working { boxes, pass, next }, Some(mesh)) = (&mut *self, mesh) else {
+        let Some(mesh) = mesh else {
             *self = Self::Done(None);
             return;
         };
         let all = mesh.triangles();
-        // What fits into a frame is never spread over several.
-        let left = TRIANGLES_PER_FRAME.saturating_sub(*spent);
-        if *next == 0 && *pass == 0 && all <= TRIANGLES_PER_FRAME && all > left {
-            return;
+        if let Self::Working { of, .. } = self
+            && *of != all
+        {
+            // Another mesh by now.
+            *self = Self::default();
         }
-        let mut left = if all <= left { 2 * all } else { left };
-        *spent += left;
+        let Self::Working {
+            boxes,
+            of,
+            pass,
+            next,
+        } = &mut *self
+        else {
+            return;
+        };
+        *of = all;
+        // What fits into a frame is never spread over several, nor what is gone after this one.
+        let mut left = if all <= TRIANGLES_PER_FRAME || mesh.is_leaving {
+            2 * all
+        } else {
+            let left = TRIANGLES_PER_FRAME.saturating_sub(*spent);
+            *spent += left;
+            left
+        };
         while left > 0 && *pass < 2 {
             let end = all.min(*next + left);
             left -= end - *next;
@@ -120,6 +139,8 @@ impl Known {
 struct PartedMesh<'a> {
     positions: &'a [[f32; 3]],
     indices: &'a Indices,
+    /// Whether the renderer takes its data away.
+    is_leaving: bool,
 }
 
 impl<'a> PartedMesh<'a> {
@@ -134,7 +155,11 @@ impl<'a> PartedMesh<'a> {
         let vertices = mesh.try_attribute(Mesh::ATTRIBUTE_POSITION).ok()?;
         let positions = vertices.as_float3()?;
         let is_worth_it = is_rigid && is_list && indices.len() / 3 >= MIN_TRIANGLES;
-        is_worth_it.then_some(Self { positions, indices })
+        is_worth_it.then_some(Self {
+            positions,
+            indices,
+            is_leaving: mesh.asset_usage == RenderAssetUsages::RENDER_WORLD,
+        })
     }
 
     fn triangles(&self) -> usize {

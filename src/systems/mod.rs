@@ -91,6 +91,7 @@ pub(crate) fn build(app: &mut App) {
                 .after(AssetEventSystems)
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
+            bounds::forget_removed.before(PssmSystems::PlanCascades),
             plan_shadows.in_set(PssmSystems::PlanCascades),
             cull_casters.in_set(PssmSystems::CullCasters),
         ),

@@ -123,7 +123,7 @@ struct Seen {
 
 /// Whether a light casts shadows on anything.
 fn shines(light: &DirectionalLight, inherited: &InheritedVisibility) -> bool {
-    light.shadow_maps_enabled && light.illuminance > 0.0 && inherited.get()
+    light.shadow_maps_enabled && light.illuminance != 0.0 && inherited.get()
 }
 
 fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {

@@ -211,6 +211,34 @@ fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
     assert!((4..30).contains(&frames), "{frames}");
 }
 
+/// However flat or sheared a mesh is, and however large its margin, it receives shadows.
+#[test]
+fn any_mesh_may_have_a_margin() {
+    for (scale, margin) in [
+        (Vec3::new(1.0, 0.0, 1.0), 6.0),
+        (Vec3::new(4.0, 1.0, 1.0), 6.0),
+        (Vec3::ONE, f32::INFINITY),
+    ] {
+        let is_seen = || {
+            let mut setting = Setting::new(NotShadowReceiver);
+            let world = setting.app.world_mut();
+            let parent = world
+                .spawn((
+                    Transform::from_xyz(0.0, -5.0, -30.0).with_scale(scale),
+                    Visibility::default(),
+                ))
+                .id();
+            let mesh = world
+                .resource_mut::<Assets<Mesh>>()
+                .add(Cuboid::from_length(1.0));
+            let turned = Transform::from_rotation(Quat::from_rotation_z(0.7));
+            world.spawn((Mesh3d(mesh), turned, ChildOf(parent), BoundsMargin(margin)));
+            setting.plans().iter().any(|plan| plan.map.is_some())
+        };
+        assert!(is_seen(), "{scale} {margin}");
+    }
+}
+
 #[test]
 fn large_meshes_are_known_by_their_parts() {
     let mut setting = Setting::new(NotShadowReceiver);

@@ -327,8 +327,7 @@ fn planted_faults_are_found() {
     }
 }
 
-/// The tool's idea of the scene is what the GPU draws: if only the GPU's is changed, the two
-/// disagree.
+/// Points and grids hold at rest and under the default; maps laid anew in each frame are found out.
 #[test]
 fn what_does_not_keep_still_along_a_path_is_found() {
     let _turn = take_turn();
@@ -360,6 +359,8 @@ fn what_does_not_keep_still_along_a_path_is_found() {
     assert!(planted.changed_pct > 4.0 * most, "{planted:?}");
 }
 
+/// The tool's idea of the scene is what the GPU draws: if only the GPU's is changed, the two
+/// disagree.
 #[test]
 fn masks_and_skins_are_traced_as_drawn() {
     let _turn = take_turn();

@@ -139,7 +139,7 @@ pub struct Steadiness {
     pub changed_pct: f64,
     /// Frames in which a map's texels do not stay where they were, but for those of cuts.
     pub grid_changes: usize,
-    /// Points whose answer is not the truth (percent).
+    /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
 }
 
@@ -157,8 +157,6 @@ struct Pair {
     /// By pixel of the second, points that face the sun.
     points: Vec<(usize, Sample)>,
     to_sun: DVec3,
-    /// Whether nothing can be followed from one to the other.
-    is_cut: bool,
 }
 
 /// A path through a scene, and what is known of it before any setting is.
@@ -212,7 +210,6 @@ impl Studio {
             before: self.waypoint(route, frame - 1),
             points: route.tracer.every(&now.lens, to_sun, STRIDE),
             to_sun,
-            is_cut: route.path.is_cut(frame),
             now,
         }
     }
@@ -369,7 +366,7 @@ impl Pair {
             };
             answers.points += 1;
             answers.wrong += usize::from(is_lit != point.lit);
-            let Some(pixels) = around(lens, point.point).filter(|_| !self.is_cut) else {
+            let Some(pixels) = around(lens, point.point) else {
                 continue;
             };
             answers.followed += 1;
@@ -426,6 +423,6 @@ pub struct PathRow {
     pub changed_pct_per_second: f64,
     /// Frames, of 600, in which texels do not stay where they were.
     pub grid_changes: usize,
-    /// Points whose answer is not the truth, along the path (percent).
+    /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
 }
