@@ -11,7 +11,8 @@
 //!     App::new()
 //!         .add_plugins((DefaultPlugins, PssmPlugin))
 //!         .add_systems(Startup, |mut commands: Commands| {
-//!             commands.spawn((DirectionalLight::default(), ParallelSplitShadows::default()));
+//!             let sun = Transform::from_xyz(-3.0, 3.0, 2.0).looking_at(Vec3::ZERO, Vec3::Y);
+//!             commands.spawn((DirectionalLight::default(), sun, ParallelSplitShadows::default()));
 //!         })
 //!         .run();
 //! }
@@ -19,7 +20,7 @@
 //!
 //! # What is where
 //! - [`ParallelSplitShadows`] is the whole configuration; [`ShadowPreset`] takes it from a RON
-//!   file (`*.shadows.ron`) and follows its changes.
+//!   file (`*.shadows.ron`) and follows its changes, where Bevy has the feature `file_watcher`.
 //! - [`PssmSystems`] and [`PssmRenderSystems`] are the system sets of the main and the render
 //!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
@@ -31,6 +32,8 @@
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
+//! - The feature `experimental_pcss` gives lights Bevy's `soft_shadow_size`, which asks for soft shadows
+//!   where the filter is left to the camera.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
 //! - `RenderDiagnosticsPlugin` reports each map as `pssm_shadow_map_0` and so on.
 //!

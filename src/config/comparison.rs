@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::ConfigError;
 
-/// Choices that no game needs to make: the defaults are right, and the others are there to compare
-/// them with what the literature describes.
+/// Choices that hardly any game needs to make: the defaults are right where receivers are meshes, and the
+/// others are there to compare them with what the literature describes.
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -41,10 +41,12 @@ pub const MAX_CASCADES: usize = 4;
 /// overwritten while it is present.
 ///
 /// The cameras' `ShadowFilteringMethod`, `NotShadowCaster` and `NotShadowReceiver` keep their
-/// meaning. `DirectionalLight::shadow_depth_bias` and `shadow_normal_bias` multiply the bias
-/// around Bevy's defaults ([`ShadowBias`]): leave them alone.
+/// meaning. `DirectionalLight::shadow_depth_bias` and `shadow_normal_bias` add to the bias what they
+/// exceed Bevy's defaults by ([`ShadowBias`]), and smaller ones do nothing: leave them, unless feet of
+/// walls that the sun grazes are gray; then double `shadow_depth_bias`.
 ///
-/// A value outside its range is reported once, and the last good configuration stays in force.
+/// A value outside its range is reported once, and the last good configuration stays in force, or
+/// until there is one Bevy's own shadows.
 ///
 /// ```
 /// # use bevy_pssm::prelude::*;
@@ -110,7 +112,7 @@ pub struct ParallelSplitShadows {
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where
     /// there is no temporal antialiasing. Default [`CascadeTransition::CrossFade`].
     pub transition: CascadeTransition,
-    /// What no game needs to change.
+    /// What hardly any game needs to change.
     pub comparison: Comparison,
 }
 
