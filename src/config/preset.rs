@@ -16,8 +16,8 @@ use bevy::{
 use super::{ConfigError, ParallelSplitShadows};
 
 /// Gives a light the [`ParallelSplitShadows`] of a RON preset, and keeps it up to date when the
-/// file changes, where Bevy has the feature `file_watcher`. Until then, changes to the light's own component stay. Removing this component
-/// removes the other.
+/// file changes, where Bevy has the feature `file_watcher`. Until then, changes to the light's own
+/// component stay. Removing this component removes the other.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;

@@ -46,9 +46,7 @@ impl Hold {
         margin: 0.5,
         headroom: 3,
     };
-}
 
-impl Hold {
     /// With so large a `step` that what has headroom is no more than about twice too large.
     fn within(self, step: f64) -> Self {
         if self.headroom == 0 {

@@ -15,15 +15,8 @@ const MAX_PER_SIDE: u32 = 32;
 /// The boxes of a surface's parts, which together hold all its triangles: columns along its bounds'
 /// shortest side, over squares of the other two. Each triangle is wholly in the part that its middle
 /// is in. Parts without triangles are left out, and triangles that are not finite.
-pub fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
-    let mut boxes = PartBoxes::default();
-    triangles().for_each(|triangle| boxes.measure(triangle));
-    boxes.lay_grid();
-    triangles().for_each(|triangle| boxes.sort_in(triangle));
-    boxes.finish()
-}
-
-/// [`part_boxes`] bit by bit: all triangles are measured, then a grid is laid, then all are sorted in.
+///
+/// Worked out bit by bit: all triangles are measured, then a grid is laid, then all are sorted in.
 #[derive(Debug, Clone)]
 pub struct PartBoxes {
     bounds: Corners,

@@ -101,6 +101,28 @@ struct Replacement {
     functions: &'static str,
 }
 
+impl Replacement {
+    /// The text that takes a module's place.
+    fn apply(&self, built_in: &Shader) -> Result<String, Obstacle> {
+        let lacks = |missing: String| Obstacle::ShaderModule {
+            path: self.path,
+            missing,
+        };
+        let Source::Wesl(text) = &built_in.source else {
+            return Err(lacks("WESL".to_owned()));
+        };
+        let mut text = text.to_string();
+        for name in self.renamed {
+            let function = format!("fn {name}(");
+            if !text.contains(&function) {
+                return Err(lacks(function));
+            }
+            text = text.replace(&format!("{name}("), &format!("built_in_{name}("));
+        }
+        Ok([self.imports, &text, self.functions].concat())
+    }
+}
+
 const REPLACEMENTS: [Replacement; 2] = [
     Replacement {
         path: "embedded://bevy_pbr/render/shadows.wesl",
@@ -182,7 +204,8 @@ pub(crate) fn replace_shadow_modules(
         else {
             return;
         };
-        match (replaced(0, lookups), replaced(1, samples)) {
+        let [of_lookups, of_samples] = &REPLACEMENTS;
+        match (of_lookups.apply(lookups), of_samples.apply(samples)) {
             (Ok(lookups), Ok(samples)) => modules.texts = Some([lookups, samples]),
             (Err(obstacle), _) | (_, Err(obstacle)) => support.refuse(obstacle),
         }
@@ -218,25 +241,4 @@ pub fn shader_defs(features: ShaderFeatures) -> Vec<ShaderDefVal> {
         ),
     ]);
     defs
-}
-
-/// The text that replaces one of Bevy's modules.
-fn replaced(index: usize, built_in: &Shader) -> Result<String, Obstacle> {
-    let it = &REPLACEMENTS[index];
-    let lacks = |missing: String| Obstacle::ShaderModule {
-        path: it.path,
-        missing,
-    };
-    let Source::Wesl(text) = &built_in.source else {
-        return Err(lacks("WESL".to_owned()));
-    };
-    let mut text = text.to_string();
-    for name in it.renamed {
-        let function = format!("fn {name}(");
-        if !text.contains(&function) {
-            return Err(lacks(function));
-        }
-        text = text.replace(&format!("{name}("), &format!("built_in_{name}("));
-    }
-    Ok([it.imports, &text, it.functions].concat())
 }

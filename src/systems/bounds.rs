@@ -12,7 +12,7 @@ use bevy::{
         resource::Resource,
         system::Res,
     },
-    math::{Affine3A, DMat3, DVec3},
+    math::{Affine3A, DMat3},
     mesh::Mesh3d,
     platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
@@ -96,22 +96,22 @@ pub(super) fn world_bounds(
         matrix.z_axis.as_dvec3(),
     );
     let half = aabb.half_extents.as_dvec3();
-    let half_axes = [
+    let [x, y, z] = [
         axes.x_axis * half.x,
         axes.y_axis * half.y,
         axes.z_axis * half.z,
     ];
     let bounds = OrientedBox {
         center: axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        half_axes: DMat3::from_cols_array_2d(&half_axes.map(|axis| axis.to_array())),
+        half_axes: DMat3::from_cols(x, y, z),
     };
     let meters = match margin {
         Margin::None => return bounds,
         Margin::Meters(meters) => meters,
-        Margin::OwnSize => half_axes.map(DVec3::length).into_iter().fold(0.0, f64::max),
+        Margin::OwnSize => x.length().max(y.length()).max(z.length()),
     };
     // Along the world's axes, or flat and sheared boxes would have none on some sides.
-    let half: DVec3 = half_axes.into_iter().map(DVec3::abs).sum();
+    let half = x.abs() + y.abs() + z.abs();
     OrientedBox {
         half_axes: DMat3::from_diagonal(half + meters),
         ..bounds

@@ -34,11 +34,10 @@ pub struct MeshBoxes {
 
 #[derive(Debug)]
 enum Known {
-    /// In pass 0 or 1, at a triangle of so many.
+    /// Of so many triangles, all measured and then all sorted in, at a step.
     Working {
         boxes: PartBoxes,
         of: usize,
-        pass: usize,
         next: usize,
     },
     /// The whole mesh's box and its parts', or none.
@@ -50,7 +49,6 @@ impl Default for Known {
         Self::Working {
             boxes: PartBoxes::default(),
             of: 0,
-            pass: 0,
             next: 0,
         }
     }
@@ -79,54 +77,36 @@ impl MeshBoxes {
 impl Known {
     /// Goes on as far as the frame allows.
     fn work(&mut self, mesh: Option<&PartedMesh>, spent: &mut usize) {
-        let Some(mesh) = mesh else {
+        let (Some(mesh), Self::Working { boxes, of, next }) = (mesh, &mut *self) else {
             *self = Self::Done(None);
             return;
         };
         let all = mesh.triangles();
-        if let Self::Working { of, .. } = self
-            && *of != all
-        {
+        if *of != all {
             // Another mesh by now.
-            *self = Self::default();
+            (*boxes, *of, *next) = (PartBoxes::default(), all, 0);
         }
-        let Self::Working {
-            boxes,
-            of,
-            pass,
-            next,
-        } = &mut *self
-        else {
-            return;
-        };
-        *of = all;
         // What fits into a frame is never spread over several, nor what is gone after this one.
-        let mut left = if all <= TRIANGLES_PER_FRAME || mesh.is_leaving {
+        let steps = if all <= TRIANGLES_PER_FRAME || mesh.is_leaving {
             2 * all
         } else {
             let left = TRIANGLES_PER_FRAME.saturating_sub(*spent);
             *spent += left;
             left
         };
-        while left > 0 && *pass < 2 {
-            let end = all.min(*next + left);
-            left -= end - *next;
-            for index in *next..end {
-                match (*pass, mesh.triangle(index)) {
-                    (0, Some(triangle)) => boxes.measure(triangle),
-                    (_, Some(triangle)) => boxes.sort_in(triangle),
-                    (_, None) => {}
-                }
+        let end = (*next + steps).min(2 * all);
+        for step in *next..end {
+            if step == all {
+                boxes.lay_grid();
             }
-            *next = end;
-            if end == all {
-                (*pass, *next) = (*pass + 1, 0);
-                if *pass == 1 {
-                    boxes.lay_grid();
-                }
+            match mesh.triangle(step % all) {
+                Some(triangle) if step < all => boxes.measure(triangle),
+                Some(triangle) => boxes.sort_in(triangle),
+                None => {}
             }
         }
-        if *pass == 2 {
+        *next = end;
+        if end == 2 * all {
             let parts = core::mem::take(boxes).finish().into_iter();
             let parts = parts.map(|[lo, hi]| Aabb::from_min_max(lo, hi)).collect();
             let vertices = mesh.positions.iter().copied().map(Vec3::from);

@@ -9,7 +9,7 @@ use bevy_pssm::{
         fit::LookupReach,
         hysteresis::{Kept, SHRINK_DELAY, Slack},
         light_frame::LightFrame,
-        mesh_boxes::part_boxes,
+        mesh_boxes::{Corners, PartBoxes},
         oriented_box::OrientedBox,
         receivers::{Extent, Receivers},
         slice::{Depth, Slice, ViewVolume},
@@ -647,6 +647,14 @@ fn what_is_held_does_not_flip() {
     for none in [0.0, 1e-17] {
         assert_eq!(Slack(none).round_up(50.0, &mut Kept::default()), 50.0);
     }
+}
+
+fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
+    let mut boxes = PartBoxes::default();
+    triangles().for_each(|triangle| boxes.measure(triangle));
+    boxes.lay_grid();
+    triangles().for_each(|triangle| boxes.sort_in(triangle));
+    boxes.finish()
 }
 
 /// Over flat ground.
