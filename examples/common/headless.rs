@@ -61,6 +61,21 @@ impl Headless {
         gpu: WgpuSettings,
         setup: impl FnOnce(&mut App),
     ) -> Self {
+        let renderer = RenderPlugin {
+            render_creation: RenderCreation::Automatic(Box::new(gpu)),
+            synchronous_pipeline_compilation: true,
+            ..default()
+        };
+        Self::with_renderer(size, format, renderer, setup)
+    }
+
+    /// As [`Headless::with_format`], with another renderer.
+    pub fn with_renderer(
+        size: UVec2,
+        format: TextureFormat,
+        renderer: RenderPlugin,
+        setup: impl FnOnce(&mut App),
+    ) -> Self {
         crate::warnings::capture();
         let mut app = App::new();
         app.add_plugins(
@@ -75,11 +90,7 @@ impl Headless {
                     exit_condition: ExitCondition::DontExit,
                     ..default()
                 })
-                .set(RenderPlugin {
-                    render_creation: RenderCreation::Automatic(Box::new(gpu)),
-                    synchronous_pipeline_compilation: true,
-                    ..default()
-                })
+                .set(renderer)
                 .disable::<WinitPlugin>()
                 .disable::<LogPlugin>()
                 .disable::<PipelinedRenderingPlugin>(),

@@ -11,6 +11,7 @@ mod extract;
 mod layout;
 mod options;
 mod pass;
+mod pipelines;
 mod shader_features;
 mod target;
 mod uniform;
@@ -79,12 +80,14 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(support)
         .insert_resource(displaced)
         .init_resource::<ExtractedShadows>()
+        .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()
         .add_systems(
             ExtractSchedule,
             (
                 extract::fill_missing_views.before(extract_lights),
                 extract::extract_shadows,
+                pipelines::extract_features,
             ),
         )
         .add_systems(
@@ -98,6 +101,9 @@ pub(crate) fn build(app: &mut App) {
                     .before(prepare_lights),
                 adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
+                pipelines::wait_for_pipelines
+                    .after(RenderSystems::Queue)
+                    .before(RenderSystems::Render),
                 displaced::note_displaced_meshes
                     .in_set(RenderSystems::Queue)
                     .run_if(resource_exists::<RenderMaterialInstances>),

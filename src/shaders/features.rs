@@ -14,8 +14,8 @@ use crate::config::{
 /// same.
 ///
 /// A part is added when something first asks for it, and stays. All materials' pipelines are then
-/// compiled anew, as when a camera changes its `ShadowFilteringMethod`, and draw nothing until
-/// they are. A game that changes such settings while it runs can insert what it will
+/// compiled anew, and the frame waits for them: nothing is missing from any picture, but one frame
+/// takes long. A game that changes such settings while it is played can insert what it will
 /// need beforehand, [`ShaderFeatures::ALL`] or less.
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]

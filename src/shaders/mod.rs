@@ -165,6 +165,13 @@ pub(crate) struct ShadowModules {
     compiled: Option<ShaderFeatures>,
 }
 
+impl ShadowModules {
+    /// The features that the modules have been replaced with, if they have.
+    pub fn compiled(&self) -> Option<ShaderFeatures> {
+        self.compiled
+    }
+}
+
 impl FromWorld for ShadowModules {
     fn from_world(world: &mut World) -> Self {
         let assets = world.resource::<AssetServer>();

@@ -5,11 +5,12 @@ use bevy::{
     core_pipeline::prepass::DepthPrepass,
     prelude::*,
     render::{
-        RenderApp, occlusion_culling::OcclusionCulling, render_resource::WgpuFeatures,
-        settings::WgpuSettings,
+        RenderApp, RenderPlugin, occlusion_culling::OcclusionCulling,
+        render_resource::WgpuFeatures, settings::WgpuSettings,
     },
 };
 use bevy_pssm::{ShadowPlans, prelude::*, render::ShadowTarget};
+use image::RgbaImage;
 
 use crate::{
     compare::{assert_identical, assert_same_shadows, share_differing},
@@ -90,6 +91,37 @@ fn every_change_takes_effect_in_its_frame() {
         let sun = stage.sun();
         stage.world().entity_mut(sun).insert(change.clone());
         assert_identical(&format!("change_{index}"), &reached, &stage.picture());
+    }
+}
+
+/// Whose pipelines are compiled beside the frames, as a game's are.
+#[test]
+fn no_frame_misses_anything_while_the_shader_changes() {
+    let mut stage = Stage::with_renderer(RenderPlugin::default(), |_| {});
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let before = stage.picture();
+    let sky = |picture: &RgbaImage| {
+        let corner = *picture.get_pixel(0, 0);
+        picture.pixels().filter(|pixel| **pixel == corner).count()
+    };
+    let fits = [
+        Some(CascadeFit::Tight),
+        Some(CascadeFit::Warped(MapWarp::Minimax)),
+        Some(CascadeFit::Faces),
+        None,
+    ];
+    for (index, fit) in fits.into_iter().enumerate() {
+        let mut light = stage.world().entity_mut(sun);
+        match fit {
+            Some(fit) => light.insert(ParallelSplitShadows { fit, ..shadows() }),
+            None => light.remove::<ParallelSplitShadows>(),
+        };
+        let first = stage.headless.picture();
+        let settled = stage.picture();
+        assert_identical(&format!("shader_{index}"), &first, &settled);
+        assert_eq!(sky(&settled), sky(&before), "fit {index}");
+        assert!(share_differing(&settled, &before, 12) > 0.0, "fit {index}");
     }
 }
 

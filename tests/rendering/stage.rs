@@ -9,9 +9,9 @@ use bevy::{
     light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap},
     prelude::*,
     render::{
-        RenderApp,
+        RenderApp, RenderPlugin,
         render_resource::{Extent3d, TextureDimension, TextureFormat},
-        settings::WgpuSettings,
+        settings::{RenderCreation, WgpuSettings},
     },
 };
 use bevy_pssm::prelude::*;
@@ -66,8 +66,19 @@ impl Stage {
 
     /// As [`Stage::new`], on a restricted GPU or with more plugins.
     pub fn with_app(gpu: WgpuSettings, setup: impl FnOnce(&mut App)) -> Self {
+        let renderer = RenderPlugin {
+            render_creation: RenderCreation::Automatic(Box::new(gpu)),
+            synchronous_pipeline_compilation: true,
+            ..default()
+        };
+        Self::with_renderer(renderer, setup)
+    }
+
+    /// As [`Stage::with_app`], with another renderer.
+    pub fn with_renderer(renderer: RenderPlugin, setup: impl FnOnce(&mut App)) -> Self {
         let turn = take_turn();
-        let headless = Headless::with_gpu(SIZE, gpu, |app| {
+        let format = TextureFormat::Rgba8UnormSrgb;
+        let headless = Headless::with_renderer(SIZE, format, renderer, |app| {
             app.add_plugins(PssmPlugin)
                 .insert_resource(DirectionalLightShadowMap { size: 1024 })
                 .insert_resource(GlobalAmbientLight {
