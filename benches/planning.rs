@@ -16,7 +16,7 @@ use bevy_pssm::{
     geometry::{
         light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume,
     },
-    plan::{PlanHistory, PlanInputs, lookup_reach, plan_cascades},
+    plan::{CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
     systems::plan_shadows,
 };
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -50,6 +50,7 @@ fn planning(criterion: &mut Criterion) {
             reach,
             receivers: &receivers,
             image_height: 1080.0,
+            changes: &CasterChanges::Anywhere,
         };
         plan_cascades(&inputs, history)
     };

@@ -24,18 +24,20 @@
 //! - [`PssmSystems`] and [`PssmRenderSystems`] are the system sets of the main and the render
 //!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
-//!   per camera, and each caster's first and last cascade. Bevy's own `Cascades`, `CascadesFrusta`
+//!   per camera, why each is drawn in this frame, if it is, and each caster's cascades. Bevy's own `Cascades`, `CascadesFrusta`
 //!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
 //! - [`CameraCut`] says that a view has jumped, [`ShadowGridOrigin`] that the world has moved, and
-//!   [`BoundsMargin`] how far a vertex shader moves a mesh.
+//!   [`BoundsMargin`] how far a vertex shader moves a mesh. [`ShadowUpdates`] overrules when a caster's
+//!   shadow is drawn anew.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
 //! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
 //!   the picture.
 //! - The feature `experimental_pcss` gives lights Bevy's `soft_shadow_size`, which asks for soft shadows
 //!   where the filter is left to the camera.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
-//! - `RenderDiagnosticsPlugin` reports each map as `pssm_shadow_map_0` and so on.
+//! - [`MAPS_DRAWN`] and [`MAPS_HELD`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
+//!   each map that is drawn as `pssm_shadow_map_0` and so on.
 //!
 //! # Limits
 //! - WebGL2 has no array textures, and OpenGL's shaders cannot load depths texel by texel: there the
@@ -64,8 +66,8 @@ pub mod systems;
 #[doc(inline)]
 pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, ConfigError,
-    DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp, ParallelSplitShadows, ShadowBias,
-    ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
+    DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp, ParallelSplitShadows,
+    ShadowBias, ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
 };
 #[doc(inline)]
 pub use debug::ShadowOverlay;
@@ -75,8 +77,8 @@ pub use render::PssmRenderSystems;
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
-    BoundsMargin, CameraCut, CascadeRange, CasterCascades, PssmSystems, ShadowGridOrigin,
-    ShadowPlans,
+    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, PssmSystems,
+    ShadowGridOrigin, ShadowPlans, ShadowUpdates,
 };
 
 use bevy::{
@@ -89,9 +91,9 @@ pub mod prelude {
     #[doc(hidden)]
     pub use crate::{
         BoundsMargin, CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces,
-        Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapWarp,
+        Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp,
         ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
-        ShadowGridOrigin, ShadowOverlay, ShadowPreset, SplitScheme, WarpAxis,
+        ShadowGridOrigin, ShadowOverlay, ShadowPreset, ShadowUpdates, SplitScheme, WarpAxis,
     };
 }
 
@@ -114,6 +116,7 @@ impl Plugin for PssmPlugin {
             .register_type::<ShaderFeatures>()
             .register_type::<ShadowGridOrigin>()
             .register_type::<BoundsMargin>()
+            .register_type::<ShadowUpdates>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
             .register_asset_loader(loader);

@@ -92,13 +92,16 @@ impl SceneStage {
             let handle = &world.resource::<CurrentScene>().handle;
             let scenes = world.resource::<Assets<SceneDescription>>();
             let description = scenes.get(handle).cloned();
-            return Ok(Self {
+            let mut stage = Self {
                 camera,
                 sun,
                 description: description.expect("the scene was spawned from it"),
                 ground: world.resource::<Ground>().clone(),
                 headless,
-            });
+            };
+            // What is counted is what maps cost that are drawn.
+            stage.configure(|shadows| shadows.comparison.updates = MapUpdates::EveryFrame);
+            return Ok(stage);
         }
         Err("the scene or its preset did not load".to_owned())
     }

@@ -30,6 +30,9 @@ pub struct Comparison {
     /// or all of it. Stable maps are laid over all of it in any case, but have only the casters that
     /// matter, and are not drawn where there is nothing. Default [`ShadowFocus::Receivers`].
     pub focus: ShadowFocus,
+    /// When maps are drawn. The picture is the same; the cost is not. Default
+    /// [`MapUpdates::WhenNeeded`].
+    pub updates: MapUpdates,
 }
 
 /// More than this many meters or texels is a mistake.
@@ -146,6 +149,18 @@ pub enum CasterCulling {
     /// Every caster in the scene: for measuring, and for finding out whether culling is to
     /// blame.
     Off,
+}
+
+/// When maps are drawn. The picture is the same; the cost is not.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum MapUpdates {
+    /// When what is seen leaves what a map covers, a caster that matters to it has changed
+    /// ([`ShadowUpdates`](crate::ShadowUpdates)), or the light or its settings have.
+    #[default]
+    WhenNeeded,
+    /// In every frame: for measuring, and for finding out whether holding is to blame.
+    EveryFrame,
 }
 
 impl ShadowBias {

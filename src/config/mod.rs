@@ -9,7 +9,8 @@ mod preset;
 mod splits;
 
 pub use comparison::{
-    CasterCulling, CasterFaces, Comparison, DepthDistribution, ShadowBias, ShadowFocus, WarpAxis,
+    CasterCulling, CasterFaces, Comparison, DepthDistribution, MapUpdates, ShadowBias, ShadowFocus,
+    WarpAxis,
 };
 pub use error::ConfigError;
 pub use filter::{CascadeTransition, FilterRadius, MAX_FILTER_TEXELS, ShadowFilter};

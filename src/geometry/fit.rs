@@ -96,19 +96,27 @@ pub fn steady(
         slack.round_up(half(light.y).max(least.y), up),
     );
     let half = extent.extend(half(light.z));
-    around(light.light_from_world(center), half, size, reach, true)
+    around(light.light_from_world(center), half, size, reach, slack)
 }
 
 /// The box around a center and half an extent in the light's frame, with a guard for what lookups
-/// reach beyond it and, where it `snaps` to the texel grid, for the texel that it then moves.
-fn around(center: DVec3, half: DVec3, size: DVec2, reach: LookupReach, snaps: bool) -> MapBox {
+/// reach beyond it. With any slack it snaps to the texel grid, and has a guard for the texel that it
+/// then moves, and as much depth to spare as it has width.
+fn around(center: DVec3, half: DVec3, size: DVec2, reach: LookupReach, slack: Slack) -> MapBox {
+    let snaps = slack.0 > 0.0;
     let guard = f64::from(u8::from(snaps)) + 2.0 * reach.texels;
     let across = half.truncate() * size / usable(size, guard);
     let texel = 2.0 * across / size;
     let cell = texel.extend(texel.max_element());
+    let depth = half.z
+        + if snaps {
+            0.5 * across.max_element()
+        } else {
+            0.0
+        };
     MapBox {
         center: if snaps { snapped(center, cell) } else { center },
-        half: across.extend(half.z + (reach.texels + 0.5) * cell.z),
+        half: across.extend(depth + (reach.texels + 0.5) * cell.z),
         texel,
     }
 }
@@ -160,7 +168,7 @@ pub fn tight(
         slack.round_up(extent.y, up),
     );
     let half = (0.5 * rounded).extend(0.5 * extent.z);
-    around((lo + hi) * 0.5, half, size, reach, slack.0 > 0.0)
+    around((lo + hi) * 0.5, half, size, reach, slack)
 }
 
 /// Texels left for the slice once the guard is taken off; at least half the map.
@@ -169,6 +177,26 @@ pub(super) fn usable(size: DVec2, guard: f64) -> DVec2 {
 }
 
 impl MapBox {
+    /// The same box, moved by whole texels and no farther than said, along its axes (meters).
+    pub fn moved(&self, by: DVec2) -> Self {
+        let texels = (by / self.texel).trunc();
+        Self {
+            center: self.center + (texels * self.texel).extend(0.0),
+            ..*self
+        }
+    }
+
+    /// How far points may still move along the box's axes before lookups at them leave it (meters); below
+    /// zero where they do.
+    pub fn spare(&self, points: &[DVec3], light: &LightFrame, reach: LookupReach) -> DVec3 {
+        let guard = reach.texels * self.texel.extend(self.texel.max_element());
+        let spare = points.iter().map(|point| {
+            let off = light.light_from_world(*point) - self.center;
+            self.half - off.abs() - guard
+        });
+        spare.fold(DVec3::INFINITY, DVec3::min)
+    }
+
     /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]
     /// with 1 at the light's side (reverse z), w = 1.
     pub fn clip_from_world(&self, light: &LightFrame) -> DMat4 {

@@ -68,6 +68,17 @@ impl CasterHull {
         Self { planes }
     }
 
+    /// Whether all of a body, grown by `margin` meters, lies within.
+    pub fn contains(&self, body: &ConvexBody, margin: f64) -> bool {
+        let farthest = |plane: &HalfSpace| {
+            let along = body.corners.iter().map(|corner| plane.normal.dot(*corner));
+            along.fold(f64::NEG_INFINITY, f64::max)
+        };
+        self.planes
+            .iter()
+            .all(|plane| farthest(plane) + margin <= plane.distance)
+    }
+
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
     pub fn intersects_box(&self, bounds: &OrientedBox) -> bool {
         // A box that is not a number is outside of no plane.

@@ -146,7 +146,7 @@ pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usi
     let coarsest: Vec<f64> = (1..=all)
         .map(|count| {
             let layout = Layout::new(inputs, range, count);
-            let volumes = layout.volumes(inputs, &mut [CascadeHistory::default(); MAX_CASCADES]);
+            let volumes = layout.volumes(inputs, &mut <[CascadeHistory; MAX_CASCADES]>::default());
             let coarse = |(index, volume): (usize, &Option<CascadeVolume>)| {
                 let (_, coarse) = fit(inputs, volume.as_ref(), index, None);
                 coarse

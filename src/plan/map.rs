@@ -3,7 +3,7 @@
 use glam::{DMat4, DVec2, DVec3, UVec2};
 
 use super::{
-    CascadeMap, PlanInputs,
+    CascadeMap, PlanInputs, Redraw,
     layout::is_focused,
     volume::CascadeVolume,
     warp::{warp_direction, warp_frame},
@@ -15,6 +15,7 @@ use crate::{
         fit::{self, MapBox},
         hull::CasterHull,
         hysteresis::{Kept, Slack},
+        light_frame::LightFrame,
     },
 };
 
@@ -22,13 +23,16 @@ use crate::{
 const FINEST: f64 = 0.25;
 
 /// A map over its volume.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct PlacedMap {
-    clip_from_world: DMat4,
+    pub clip_from_world: DMat4,
     world_from_cascade: DMat4,
     axes: [DVec3; 2],
-    texel: DVec2,
-    fit: MapFit,
+    pub texel: DVec2,
+    pub fit: MapFit,
     strength: f64,
+    /// Of maps that are not warped.
+    pub map_box: Option<MapBox>,
 }
 
 /// `kept` is the extent of a steady or tight map (meters).
@@ -47,14 +51,7 @@ pub(super) fn place(
         reach,
         ..
     } = *inputs;
-    let in_light = |map: MapBox| PlacedMap {
-        clip_from_world: map.clip_from_world(light),
-        world_from_cascade: map.world_from_cascade(light),
-        axes: [light.x, light.y],
-        texel: map.texel,
-        fit,
-        strength: 0.0,
-    };
+    let in_light = |map_box: MapBox| PlacedMap::of_box(map_box, light, fit);
     Some(match fit {
         // Where all of the slice counts, its sphere is as steady as can be.
         MapFit::Steady if !is_focused(inputs) => {
@@ -90,12 +87,25 @@ pub(super) fn place(
                 texel,
                 fit,
                 strength,
+                map_box: None,
             }
         }
     })
 }
 
 impl PlacedMap {
+    pub fn of_box(map_box: MapBox, light: &LightFrame, fit: MapFit) -> Self {
+        Self {
+            clip_from_world: map_box.clip_from_world(light),
+            world_from_cascade: map_box.world_from_cascade(light),
+            axes: [light.x, light.y],
+            texel: map_box.texel,
+            fit,
+            strength: 0.0,
+            map_box: Some(map_box),
+        }
+    }
+
     /// The worst over what is seen of a body.
     pub fn aliasing(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<Aliasing> {
         let vertices = volume.seen().vertices(inputs.view);
@@ -115,8 +125,15 @@ impl PlacedMap {
         Some((sum / vertices.len().max(1) as f64).exp())
     }
 
-    /// What the renderer and the culling need of a map. `None` if it has no extent.
-    pub fn finish(self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<CascadeMap> {
+    /// What the renderer and the culling need of a map that is drawn now, and is to hold casters that
+    /// matter so far beyond the volume (meters). `None` if it has no extent.
+    pub fn finish(
+        &self,
+        inputs: &PlanInputs,
+        volume: &CascadeVolume,
+        spare: f64,
+        redraw: Redraw,
+    ) -> Option<CascadeMap> {
         // Mirrored, triangles turn their backs on the rasterizer.
         let mirror = match inputs.config.comparison.caster_faces {
             CasterFaces::Front => DMat4::IDENTITY,
@@ -128,7 +145,7 @@ impl PlacedMap {
         if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
             return None;
         }
-        let margin = inputs.reach.texels * self.texel.max_element();
+        let margin = self.margin(inputs) + spare;
         Some(CascadeMap {
             clip_from_world,
             clip_from_cascade: clip_from_world * world_from_cascade,
@@ -138,6 +155,12 @@ impl PlacedMap {
             strength: self.strength,
             hull: CasterHull::new(&volume.body, inputs.light.z, margin),
             aliasing: self.aliasing(inputs, volume),
+            redraw: Some(redraw),
         })
+    }
+
+    /// What lookups reach beyond what is shaded (meters).
+    pub fn margin(&self, inputs: &PlanInputs) -> f64 {
+        inputs.reach.texels * self.texel.max_element()
     }
 }

@@ -3,6 +3,7 @@
 
 mod choose;
 mod cut;
+mod held;
 mod layout;
 mod lookup;
 mod map;
@@ -11,6 +12,7 @@ mod split;
 mod volume;
 mod warp;
 
+pub use held::{CasterChanges, Redraw};
 pub use lookup::{bias_scales, filter_of, lookup_reach, over_own_range};
 pub use split::split_planes;
 pub use warp::{warp_direction, warp_frame};
@@ -31,6 +33,7 @@ use crate::{
     },
 };
 
+use held::HeldMap;
 use layout::{KeptRange, Layout};
 
 /// One cascade of one light for one view.
@@ -77,6 +80,8 @@ pub struct CascadeMap {
     /// configuration's `near` on: at the eye no map is large enough. `None` where the map has no
     /// image of a corner.
     pub aliasing: Option<Aliasing>,
+    /// Why it is drawn anew in this frame; `None` if what was drawn last still serves.
+    pub redraw: Option<Redraw>,
 }
 
 impl CascadePlan {
@@ -104,6 +109,8 @@ pub struct PlanInputs<'a> {
     pub receivers: &'a Receivers,
     /// Height of the picture (pixels): no fit need be sharper.
     pub image_height: f64,
+    /// Casters that have changed since the plan that the history is of.
+    pub changes: &'a CasterChanges,
 }
 
 /// The settings' numbers, in the plan's precision.
@@ -160,7 +167,7 @@ impl PlanHistory {
     }
 }
 
-#[derive(Debug, Default, Clone, Copy, PartialEq)]
+#[derive(Debug, Default, Clone, PartialEq)]
 struct CascadeHistory {
     /// Of what receives shadows, along the world's axes.
     bounds: [Kept<[f64; 2]>; 3],
@@ -171,6 +178,7 @@ struct CascadeHistory {
     fit: Option<MapFit>,
     /// Of a map from a budget (texels).
     size: [Kept<f64>; 2],
+    held: Option<HeldMap>,
 }
 
 impl CascadeHistory {
@@ -236,10 +244,14 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
             let (near, far) = layout.interval(index);
             let volume = volumes.get(index).and_then(Option::as_ref);
             let map = volume.and_then(|volume| {
-                let (slack, extent) = (inputs.slack(), &mut kept[index].extent);
-                map::place(inputs, volume, fits[index], sizes[index], slack, extent)?
-                    .finish(inputs, volume)
+                let CascadeHistory { extent, held, .. } = &mut kept[index];
+                let (size, slack) = (sizes[index], inputs.slack());
+                let placed = map::place(inputs, volume, fits[index], size, slack, extent)?;
+                held::hold(inputs, volume, placed, size, held)
             });
+            if map.is_none() {
+                kept[index].held = None;
+            }
             CascadePlan {
                 near,
                 far,

@@ -3,7 +3,7 @@
 
 use bevy::{
     camera::visibility::RenderLayers,
-    core_pipeline::schedule::{Core3d, RootNonCameraView},
+    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::Entity,
         query::{QueryData, With, Without},
@@ -35,6 +35,7 @@ use super::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
+    pass::DrawShadowMap,
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
@@ -93,6 +94,7 @@ pub(super) struct AdoptableView {
     extracted: &'static mut ExtractedView,
     shadow: Option<&'static ShadowView>,
     adopted: Option<&'static AdoptedMap>,
+    root: Option<&'static RootNonCameraView>,
 }
 
 /// The entities that share Bevy's array of maps.
@@ -147,7 +149,7 @@ pub(super) fn adopt_views(
         }
         _ if target.exists() => {
             adoptable.release(&mut commands);
-            *target = ShadowTarget::default();
+            target.free();
         }
         _ => {}
     }
@@ -258,9 +260,13 @@ impl Adoptable<'_, '_> {
             if let Ok(mut it) = self.views.get_mut(view) {
                 it.extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
                 if it.adopted != Some(&map) {
-                    commands
-                        .entity(view)
-                        .insert((map, RootNonCameraView(Core3d.intern())));
+                    commands.entity(view).insert(map);
+                }
+                // A spot light's view is a root of Bevy's already.
+                let label = DrawShadowMap.intern();
+                let is_root = it.root.is_some_and(|root| root.0 == label);
+                if !is_root && map.spot_index.is_none() {
+                    commands.entity(view).insert(RootNonCameraView(label));
                 }
                 commands
                     .entity(view)

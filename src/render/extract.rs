@@ -37,6 +37,8 @@ pub(crate) struct ExtractedShadows {
     /// Texels per side of Bevy's maps, as the game wants them.
     pub built_in_size: usize,
     pub overlay: ShadowOverlay,
+    /// Counts frames.
+    pub frame: u64,
 }
 
 #[derive(Debug)]
@@ -50,6 +52,8 @@ pub(crate) struct ExtractedLight {
 pub(crate) struct ExtractedCascade {
     pub map_size: UVec2,
     pub has_map: bool,
+    /// What was drawn last still serves.
+    pub may_hold: bool,
     /// Size of a texel (meters), and NDC depth per meter towards the light: of maps that are not
     /// in perspective.
     pub texel: [f32; 2],
@@ -71,6 +75,7 @@ impl ExtractedCascade {
     pub const NO_MAP: Self = Self {
         map_size: UVec2::splat(MIN_MAP_SIZE),
         has_map: false,
+        may_hold: false,
         texel: [0.0; 2],
         depth_per_meter: 0.0,
         blend_start: f32::MAX,
@@ -85,6 +90,7 @@ impl From<&CascadePlan> for ExtractedCascade {
         Self {
             map_size: plan.map_size,
             has_map: map.is_some(),
+            may_hold: map.is_some_and(|map| map.redraw.is_none()),
             texel: map.map_or([0.0; 2], |map| map.texel.as_vec2().to_array()),
             depth_per_meter: map.map_or(0.0, |map| {
                 map.clip_from_world.row(2).truncate().length() as f32
@@ -108,6 +114,7 @@ pub(super) fn extract_shadows(
 ) {
     extracted.built_in_size = built_in.size;
     extracted.overlay = **overlay;
+    extracted.frame += 1;
     extracted.lights.clear();
     for (light, managed, plans, directional) in &lights {
         let config = managed.config();

@@ -21,6 +21,8 @@ pub struct AdoptedMap {
     /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
     /// lit. Bevy's own maps are always drawn.
     pub skip_if_empty: bool,
+    /// Whether what its layer holds still serves, if that is whole.
+    pub(super) may_hold: bool,
     pub(super) spot_index: Option<u32>,
 }
 
@@ -114,6 +116,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 layer: layers_before_spots + index,
                 size: UVec2::splat(built_in_size),
                 skip_if_empty: false,
+                may_hold: false,
                 spot_index: Some(*index),
             };
             (*view, map)
@@ -139,6 +142,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                     layer: next_layer,
                     size: size.min(UVec2::splat(request.max_size)),
                     skip_if_empty: it.cascade.is_some(),
+                    may_hold: it.cascade.is_some_and(|cascade| cascade.may_hold),
                     spot_index: None,
                 };
                 maps.push((it.view, map));

@@ -8,6 +8,7 @@
 mod adopt;
 mod displaced;
 mod extract;
+mod hold;
 mod layout;
 mod options;
 mod pass;
@@ -17,7 +18,7 @@ mod target;
 mod uniform;
 
 pub use layout::AdoptedMap;
-pub use pass::{SHADOW_PASS_SPAN, shadow_map_pass};
+pub use pass::{DrawShadowMap, SHADOW_PASS_SPAN, shadow_map_pass};
 pub use target::ShadowTarget;
 
 pub(crate) use extract::ExtractedShadows;
@@ -55,7 +56,7 @@ pub enum PssmRenderSystems {
     /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
     /// is on its way to the GPU.
     WriteUniforms,
-    /// In `Core3d`. After this set, all maps are drawn.
+    /// In [`DrawShadowMap`], and for spot lights' maps in `Core3d`. After this set, the map is drawn.
     DrawMaps,
 }
 
@@ -82,12 +83,15 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<ExtractedShadows>()
         .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()
+        .init_gpu_resource::<hold::DrawnMaps>()
+        .add_schedule(pass::schedule())
         .add_systems(
             ExtractSchedule,
             (
                 extract::fill_missing_views.before(extract_lights),
                 extract::extract_shadows,
                 pipelines::extract_features,
+                hold::forget_drawn,
             ),
         )
         .add_systems(
@@ -101,6 +105,12 @@ pub(crate) fn build(app: &mut App) {
                     .before(prepare_lights),
                 adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
+                hold::hold_maps
+                    .in_set(RenderSystems::PhaseSort)
+                    .after(RenderSystems::Queue),
+                hold::note_whole_maps
+                    .in_set(RenderSystems::Cleanup)
+                    .after(RenderSystems::Render),
                 pipelines::wait_for_pipelines
                     .after(RenderSystems::Queue)
                     .before(RenderSystems::Render),

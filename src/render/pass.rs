@@ -1,9 +1,20 @@
 //! The pass that draws one adopted map through Bevy's caster phase.
 
 use bevy::{
-    ecs::{entity::Entity, system::Res, world::World},
+    ecs::{
+        entity::Entity,
+        schedule::{
+            IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel,
+            common_conditions::resource_exists,
+        },
+        system::Res,
+        world::World,
+    },
     log::error,
-    pbr::Shadow,
+    pbr::{
+        PreprocessPipelines, Shadow, allocate_uniforms, early_gpu_preprocess,
+        main_build_indirect_parameters, unpack_bins,
+    },
     render::{
         diagnostic::RecordDiagnostics,
         render_phase::ViewBinnedRenderPhases,
@@ -15,14 +26,44 @@ use bevy::{
     },
 };
 
-use super::{layout::AdoptedMap, target::ShadowTarget};
+use super::{PssmRenderSystems, layout::AdoptedMap, target::ShadowTarget};
 
 /// Name under which `RenderDiagnosticsPlugin` reports map `i` of the target (the first camera's
 /// cascades come first): `render/pssm_shadow_map_{i}/elapsed_gpu`, `…/vertex_shader_invocations`
 /// and so on.
 pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
 
-/// Draws the map of the current root view, if the plugin has adopted it. Runs in `Core3d`.
+/// The schedule that draws the map of one directional light's cascade.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub struct DrawShadowMap;
+
+/// What a map takes: Bevy's preprocessing of what is in it, and the pass.
+pub(super) fn schedule() -> Schedule {
+    let mut schedule = Schedule::new(DrawShadowMap);
+    schedule.set_build_settings(ScheduleBuildSettings {
+        auto_insert_apply_deferred: false,
+        ..Default::default()
+    });
+    let preprocessing = (
+        allocate_uniforms,
+        unpack_bins,
+        early_gpu_preprocess,
+        main_build_indirect_parameters,
+    );
+    schedule.add_systems(
+        (
+            preprocessing
+                .chain()
+                .run_if(resource_exists::<PreprocessPipelines>),
+            shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
+        )
+            .chain(),
+    );
+    schedule
+}
+
+/// Draws the map of the current root view, if the plugin has adopted it. Runs in [`DrawShadowMap`], and for
+/// spot lights in `Core3d`.
 pub fn shadow_map_pass(
     world: &World,
     view: ViewQuery<(Entity, &AdoptedMap, &ExtractedView)>,

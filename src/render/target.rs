@@ -24,6 +24,8 @@ pub struct ShadowTarget {
     layers: Vec<TextureView>,
     /// For how many frames in a row there have been more layers than maps.
     frames_too_many: u32,
+    /// Counts textures: layers of another hold nothing yet.
+    generation: u64,
     /// Of a layer.
     pub(super) size: UVec2,
     /// Side of Bevy's own maps (texels).
@@ -34,6 +36,18 @@ impl ShadowTarget {
     /// One layer of the array; `None` past its end.
     pub fn layer(&self, layer: u32) -> Option<&TextureView> {
         self.layers.get(layer as usize)
+    }
+
+    pub(super) fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Gives all layers back.
+    pub(super) fn free(&mut self) {
+        *self = Self {
+            generation: self.generation + 1,
+            ..Self::default()
+        };
     }
 
     /// Whether there are any maps.
@@ -62,6 +76,7 @@ impl ShadowTarget {
         let fits = self.size == size && present >= layers && self.frames_too_many < SHRINK_DELAY;
         if !fits {
             self.texture = None;
+            self.generation += 1;
             self.frames_too_many = 0;
         }
         self.size = size;

@@ -24,6 +24,7 @@ use crate::{
 
 use super::{
     ExtractedShadows,
+    hold::DrawnMaps,
     layout::{AdoptedLight, AdoptedLights},
     options::LookupOptions,
     target::ShadowTarget,
@@ -58,6 +59,7 @@ pub(super) fn write_uniforms(
     target: Res<ShadowTarget>,
     extracted: Res<ExtractedShadows>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    drawn: Res<DrawnMaps>,
     cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights), With<ExtractedView>>,
     views: Query<&ExtractedView>,
 ) {
@@ -65,11 +67,11 @@ pub(super) fn write_uniforms(
         return;
     };
     let is_drawn = |view| {
-        views
-            .get(view)
-            .ok()
-            .and_then(|view| phases.get(&view.retained_view_entity))
-            .is_some_and(|phase| !phase.is_empty())
+        let drawn_now = views.get(view).ok();
+        drawn.holds_casters(view)
+            || drawn_now
+                .and_then(|view| phases.get(&view.retained_view_entity))
+                .is_some_and(|phase| !phase.is_empty())
     };
     for (offset, adopted) in &cameras {
         let lights = Lights {

@@ -27,15 +27,42 @@ use super::{
     bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
     publish::{empty_cascade, published_cascade},
 };
-use crate::{config::CasterCulling, geometry::oriented_box::OrientedBox, plan::CascadePlan};
+use crate::{
+    config::{CasterCulling, MAX_CASCADES},
+    geometry::oriented_box::OrientedBox,
+    plan::CascadePlan,
+};
 
-/// The first and last cascade that a caster is drawn into. One in between may do without it.
+/// The cascades that a caster is drawn into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CascadeRange {
-    /// Index of the first.
-    pub first: u8,
-    /// Index of the last.
-    pub last: u8,
+pub struct CascadeSet(u8);
+
+impl CascadeSet {
+    /// Whether a cascade is one of them.
+    pub fn contains(self, cascade: usize) -> bool {
+        self.iter().any(|it| it == cascade)
+    }
+
+    /// Their indices, in order.
+    pub fn iter(self) -> impl Iterator<Item = usize> {
+        (0..MAX_CASCADES).filter(move |index| self.0 & (1 << index) != 0)
+    }
+
+    fn of(cascades: impl Iterator<Item = usize>) -> Self {
+        Self(cascades.fold(0, |set, index| set | (1 << index)))
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    fn is_empty(self) -> bool {
+        self.0 == 0
+    }
 }
 
 /// Where a managed light draws its casters, for each active 3D camera.
@@ -43,12 +70,12 @@ pub struct CascadeRange {
 pub struct CasterCascades {
     /// By camera: casters in the order of their entities. Casters that are drawn into no
     /// cascade are absent, and those with `NoCpuCulling`, which only the GPU culls.
-    pub views: EntityHashMap<Vec<(Entity, CascadeRange)>>,
+    pub views: EntityHashMap<Vec<(Entity, CascadeSet)>>,
 }
 
 impl CasterCascades {
     /// The cascades that `caster` is drawn into for camera `view`; `None` if it is in none.
-    pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeRange> {
+    pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeSet> {
         let casters = self.views.get(&view)?;
         let index = casters
             .binary_search_by_key(&caster, |(entity, _)| *entity)
@@ -99,19 +126,21 @@ pub fn cull_casters(
     mut casters: Query<Caster, IsCaster>,
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
-    mut found: Local<Parallel<Vec<(Entity, u8)>>>,
+    mut found: Local<Parallel<Vec<(Entity, CascadeSet)>>>,
 ) {
     let displaced = displaced.get();
     for mut it in &mut lights {
-        it.casters.views.clear();
         let Some(config) = it.managed.config() else {
+            it.casters.views.clear();
             continue;
         };
         let count = config.cascades as usize;
         let casts = it.light.shadow_maps_enabled && it.visibility.get();
-        it.lists
-            .entities
-            .retain(|view, _| casts && it.plans.views.contains_key(view));
+        let is_planned = |view: &Entity| casts && it.plans.views.contains_key(view);
+        it.casters.views.retain(|view, _| is_planned(view));
+        if !it.lists.entities.keys().all(is_planned) {
+            it.lists.entities.retain(|view, _| is_planned(view));
+        }
 
         for (view, plan) in &it.plans.views {
             let published: Vec<_> = (0..count)
@@ -127,6 +156,26 @@ pub fn cull_casters(
             it.cascades.cascades.insert(*view, published);
             it.frusta.frusta.insert(*view, view_frusta);
             if !casts {
+                continue;
+            }
+
+            // Lists of maps that are held stay as they are, and what is in them stays visible.
+            let lists = it.lists.entities.get(view).map(Vec::len);
+            let is_known = it.casters.views.contains_key(view) && lists == Some(count);
+            let known = it.casters.views.entry(*view).or_default();
+            let held = CascadeSet::of(held(plan).filter(|_| is_known));
+            known.retain_mut(|(_, cascades)| {
+                *cascades = cascades.and(held);
+                !cascades.is_empty()
+            });
+            let mut still_visible = casters.iter_many_mut(known.iter().map(|(caster, _)| caster));
+            while let Some(caster) = still_visible.fetch_next() {
+                if let Ok(mut caster) = caster {
+                    caster.visibility.set_visible();
+                }
+            }
+            let culled = CascadeSet::of(0..count).without(held);
+            if culled.is_empty() {
                 continue;
             }
 
@@ -150,50 +199,55 @@ pub fn cull_casters(
                         }
                         _ => None,
                     };
-                    let mask = cascade_mask(plan, bounds.as_ref());
-                    if mask != 0 {
+                    let cascades = cascades_of(plan, bounds.as_ref()).and(culled);
+                    if !cascades.is_empty() {
                         caster.visibility.set_visible();
-                        found.push((caster.entity, mask));
+                        found.push((caster.entity, cascades));
                     }
                 },
             );
 
-            let mut found_casters: Vec<(Entity, u8)> = Vec::new();
-            found.drain_into(&mut found_casters);
-            found_casters.sort_unstable_by_key(|(entity, _)| *entity);
+            found.drain_into(known);
+            known.sort_unstable_by_key(|(entity, _)| *entity);
+            known.dedup_by(|(entity, more), (kept, cascades)| {
+                let is_same = entity == kept;
+                if is_same {
+                    cascades.0 |= more.0;
+                }
+                is_same
+            });
 
             let view_lists = it.lists.entities.entry(*view).or_default();
             view_lists.resize_with(count, VisibleMeshEntities::default);
-            for (index, list) in view_lists.iter_mut().enumerate() {
+            for index in culled.iter() {
+                let list = &mut view_lists[index];
+                let inside = known
+                    .iter()
+                    .filter(|(_, cascades)| cascades.contains(index));
                 list.entities.clear();
-                list.entities.extend(
-                    found_casters
-                        .iter()
-                        .filter(|(_, mask)| mask & (1 << index) != 0)
-                        .map(|(entity, _)| *entity),
-                );
+                list.entities.extend(inside.map(|(entity, _)| *entity));
                 list.shrink();
             }
-            let to_range = |(entity, mask): &(Entity, u8)| {
-                let range = CascadeRange {
-                    first: mask.trailing_zeros() as u8,
-                    last: (7 - mask.leading_zeros()) as u8,
-                };
-                (*entity, range)
-            };
-            it.casters
-                .views
-                .insert(*view, found_casters.iter().map(to_range).collect());
         }
     }
 }
 
-/// Bit `i` is set if the caster matters to cascade `i`. Without bounds it matters to all that
-/// have a map.
-fn cascade_mask(plan: &[CascadePlan], bounds: Option<&OrientedBox>) -> u8 {
+/// The cascades whose maps stay as they are in this frame.
+fn held(plan: &[CascadePlan]) -> impl Iterator<Item = usize> {
+    let is_held = |cascade: &CascadePlan| {
+        let map = cascade.map.as_ref();
+        map.is_some_and(|map| map.redraw.is_none())
+    };
     plan.iter()
         .enumerate()
-        .filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)))
-        .filter(|(_, map)| bounds.is_none_or(|bounds| map.hull.intersects_box(bounds)))
-        .fold(0, |mask, (index, _)| mask | (1 << index))
+        .filter(move |(_, it)| is_held(it))
+        .map(|(index, _)| index)
+}
+
+/// The cascades that a caster matters to. Without bounds it matters to all that have a map.
+fn cascades_of(plan: &[CascadePlan], bounds: Option<&OrientedBox>) -> CascadeSet {
+    let maps = plan.iter().enumerate();
+    let maps = maps.filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)));
+    let met = maps.filter(|(_, map)| bounds.is_none_or(|bounds| map.hull.intersects_box(bounds)));
+    CascadeSet::of(met.map(|(index, _)| index))
 }

@@ -1,7 +1,9 @@
 //! Thin ECS systems: what is configured, what is planned and which casters are drawn.
 
 mod bounds;
+mod changes;
 mod cull;
+mod diagnostics;
 mod gather;
 mod manage;
 mod mesh_boxes;
@@ -9,7 +11,9 @@ mod plan;
 mod publish;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
-pub use cull::{CascadeRange, CasterCascades, cull_casters};
+pub use changes::{ChangedCasters, ShadowUpdates};
+pub use cull::{CascadeSet, CasterCascades, cull_casters};
+pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use mesh_boxes::MeshBoxes;
@@ -22,12 +26,17 @@ use bevy::{
     camera::visibility::VisibilitySystems,
     ecs::{
         message::Messages,
-        schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
+        schedule::{
+            IntoScheduleConfigs, SystemSet,
+            common_conditions::{any_with_component, resource_exists},
+        },
     },
     light::SimulationLightSystems,
-    mesh::Mesh,
+    mesh::{Mesh, Mesh3d},
     transform::TransformSystems,
 };
+
+use changes::CasterRecord;
 
 use crate::config::{ParallelSplitShadows, ShadowPreset};
 
@@ -50,7 +59,12 @@ pub enum PssmSystems {
 pub(crate) fn build(app: &mut App) {
     app.init_resource::<MeshBoxes>()
         .init_resource::<DisplacedMeshes>()
+        .init_resource::<ChangedCasters>()
         .init_resource::<ShadowGridOrigin>();
+    diagnostics::register(app);
+    // Without it, casters are known a frame later.
+    let world = app.world_mut();
+    let _ = world.try_register_required_components::<Mesh3d, CasterRecord>();
     app.register_required_components::<ParallelSplitShadows, ManagedLight>();
     app.register_required_components::<ShadowPreset, AppliedPreset>();
     app.configure_sets(
@@ -92,10 +106,17 @@ pub(crate) fn build(app: &mut App) {
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
             bounds::forget_removed.before(PssmSystems::PlanCascades),
-            plan_shadows.in_set(PssmSystems::PlanCascades),
+            (
+                changes::find_changes.run_if(any_with_component::<ManagedLight>),
+                plan_shadows,
+                diagnostics::count_maps,
+            )
+                .chain()
+                .in_set(PssmSystems::PlanCascades),
             cull_casters.in_set(PssmSystems::CullCasters),
         ),
     )
+    .add_observer(changes::note_removed)
     .add_observer(plan::forget_cut_view)
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)

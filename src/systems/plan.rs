@@ -29,13 +29,13 @@ use bevy::{
 };
 
 use super::{
-    DisplacedMeshes, ManagedLight, MeshBoxes,
+    ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
 };
 use crate::{
     config::ShadowFocus,
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
-    plan::{CascadePlan, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
+    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
 };
 
 /// The plans of a managed light, one list of cascades for each active 3D camera.
@@ -44,6 +44,8 @@ pub struct ShadowPlans {
     /// By camera.
     pub views: EntityHashMap<Vec<CascadePlan>>,
     history: EntityHashMap<PlanHistory>,
+    /// Of the light when they were made.
+    layers: RenderLayers,
 }
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
@@ -141,6 +143,7 @@ pub fn plan_shadows(
     mut parts: ResMut<MeshBoxes>,
     displaced: Res<DisplacedMeshes>,
     origin: Res<ShadowGridOrigin>,
+    changed: Res<ChangedCasters>,
     mut warned: Local<EntityHashSet>,
 ) {
     let displaced = displaced.get();
@@ -212,7 +215,14 @@ pub fn plan_shadows(
         let ShadowPlans {
             views: planned,
             history,
+            layers: known_layers,
         } = &mut *it.plans;
+        let changes = if *known_layers == layers {
+            changed.get()
+        } else {
+            &CasterChanges::Anywhere
+        };
+        known_layers.clone_from(&layers);
         planned.clear();
         history.retain(|view, _| views.iter().any(|(active, ..)| active == view));
         for (view, of_camera, seen) in &views {
@@ -229,10 +239,14 @@ pub fn plan_shadows(
                         reach: lookup_reach(config, it.light),
                         receivers: if is_foggy { &fog } else { &seen.receivers },
                         image_height: seen.image_height,
+                        changes,
                     };
                     plan_cascades(&inputs, history.entry(*view).or_default())
                 }
-                _ => Vec::new(),
+                _ => {
+                    history.remove(view);
+                    Vec::new()
+                }
             };
             planned.insert(*view, plan);
         }

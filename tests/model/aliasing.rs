@@ -13,7 +13,7 @@ use bevy_pssm::{
         slice::{BodyVertex, ViewVolume},
         warp::WarpFrame,
     },
-    plan::{PlanHistory, PlanInputs, plan_cascades, split_planes, warp_frame},
+    plan::{CasterChanges, PlanHistory, PlanInputs, plan_cascades, split_planes, warp_frame},
 };
 
 const REFERENCE: &str = include_str!("../reference/lloyd_storage.csv");
@@ -192,6 +192,7 @@ fn planned_cascades_have_the_reference_storage() {
                 reach: LookupReach { texels: 0.0 },
                 receivers: &Receivers::everywhere(&view),
                 image_height: 1080.0,
+                changes: &CasterChanges::Anywhere,
             };
             let plans = plan_cascades(&inputs, &mut PlanHistory::default());
             let storage = |plan: &bevy_pssm::plan::CascadePlan| {

@@ -15,7 +15,7 @@ use bevy_pssm::{
         slice::{Depth, Slice, ViewVolume},
         warp::WarpFrame,
     },
-    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades, warp_frame},
+    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades, warp_frame},
     prelude::*,
 };
 use proptest::prelude::*;
@@ -68,6 +68,7 @@ impl Scene {
             reach: REACH,
             receivers: &self.receivers(&view),
             image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
         };
         plan_cascades(&inputs, &mut PlanHistory::default())
     }
@@ -466,6 +467,7 @@ fn slack_holds_maps_still() {
                 reach: REACH,
                 receivers: &scene.receivers(&view),
                 image_height: 1080.0,
+                changes: &CasterChanges::At(Vec::new()),
             };
             let plans = plan_cascades(&inputs, &mut history);
             for (now, before) in plans.iter().zip(before.iter().flatten()) {
@@ -804,6 +806,7 @@ fn choices_do_not_flip() {
                 reach: REACH,
                 receivers: &scene.receivers(&view),
                 image_height: 1080.0,
+                changes: &CasterChanges::At(Vec::new()),
             };
             let plans = plan_cascades(&inputs, &mut history);
             let used: Vec<_> = plans

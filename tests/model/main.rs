@@ -10,6 +10,7 @@ mod bias;
 mod body;
 mod culling;
 mod fitted;
+mod held;
 mod layers;
 mod lights;
 mod motion;

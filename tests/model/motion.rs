@@ -8,7 +8,7 @@ use bevy_pssm::{
     geometry::{
         fit::LookupReach, light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers,
     },
-    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
+    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, Redraw, plan_cascades},
     prelude::*,
 };
 use glam::DMat3;
@@ -59,6 +59,7 @@ impl Shot {
             reach: LookupReach { texels: 3.0 },
             receivers: &receivers,
             image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
         };
         plan_cascades(&inputs, history)
     }
@@ -110,7 +111,12 @@ fn a_cut_holds_on_to_nothing() {
             }
             let fresh = next.fresh(&config);
             for frame in 0..90 {
-                let plans = next.plan(&config, DVec3::ZERO, &mut history);
+                let mut plans = next.plan(&config, DVec3::ZERO, &mut history);
+                for map in plans.iter_mut().filter_map(|plan| plan.map.as_mut()) {
+                    let is_drawn = map.redraw.take().is_some();
+                    assert_eq!(is_drawn, frame == 0, "{:?}: frame {frame}", config.fit);
+                    map.redraw = Some(Redraw::New);
+                }
                 assert!(plans == fresh, "{:?}: frame {frame}", config.fit);
             }
         }
@@ -291,6 +297,7 @@ fn a_warp_knows_the_map_it_competes_with() {
             reach: LookupReach { texels: 3.0 },
             receivers,
             image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
         };
         plan_cascades(&inputs, &mut PlanHistory::default())
     };
@@ -368,6 +375,7 @@ impl Shot {
             reach: LookupReach { texels: 3.0 },
             receivers: &receivers,
             image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
         };
         plan_cascades(&inputs, history)
     }
@@ -433,6 +441,7 @@ fn what_an_orthographic_camera_sees_behind_its_eye_is_covered() {
             reach: LookupReach { texels: 3.0 },
             receivers: &receivers,
             image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
         };
         let plans = plan_cascades(&inputs, &mut PlanHistory::default());
         let map = plans[0].map.as_ref().expect("something is seen");

@@ -17,7 +17,7 @@ use bevy::light::DirectionalLight;
 use bevy_pssm::{
     MapSize, ParallelSplitShadows,
     geometry::{aliasing::closed_form, light_frame::LightFrame, receivers::Receivers},
-    plan::{PlanHistory, PlanInputs, lookup_reach, plan_cascades},
+    plan::{CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
 };
 use clap::Parser;
 use proptest::prelude::*;
@@ -81,6 +81,7 @@ fn stable_predictions_equal_the_plans() {
         reach,
         receivers: &Receivers::everywhere(&setup.view),
         image_height: 1080.0,
+        changes: &CasterChanges::Anywhere,
     };
     let plans = plan_cascades(&inputs, &mut PlanHistory::default());
     for (index, (plan, predicted)) in plans.iter().zip(setup.cascades()).enumerate() {

@@ -35,7 +35,7 @@ fn every_field_and_variant_is_read() {
             filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25,
             comparison: (
                 culling: Off, bias: SlopeScaled(factor: 2.0, meters: 0.01), caster_faces: Back,
-                depth: Linear, focus: Off, warp_axis: BodyCenter,
+                depth: Linear, focus: Off, warp_axis: BodyCenter, updates: EveryFrame,
             ),
         )",
     );
@@ -61,6 +61,7 @@ fn every_field_and_variant_is_read() {
             warp_axis: WarpAxis::BodyCenter,
             culling: CasterCulling::Off,
             focus: ShadowFocus::Off,
+            updates: MapUpdates::EveryFrame,
         },
     };
     assert_eq!(read, Ok(expected));

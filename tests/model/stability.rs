@@ -6,7 +6,7 @@ use bevy_pssm::{
     geometry::{
         fit::LookupReach, light_frame::LightFrame, receivers::Receivers, slice::ViewVolume,
     },
-    plan::{CascadePlan, PlanHistory, PlanInputs, plan_cascades},
+    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades},
 };
 use proptest::prelude::*;
 
@@ -40,6 +40,7 @@ fn plan_for(
         reach,
         receivers: &Receivers::everywhere(view),
         image_height: 1080.0,
+        changes: &CasterChanges::At(Vec::new()),
     };
     plan_cascades(&inputs, &mut PlanHistory::default())
 }

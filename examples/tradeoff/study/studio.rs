@@ -252,7 +252,9 @@ impl Studio {
         }
         match &setting.technique {
             Technique::Pssm(config) => {
-                let config = config.clone();
+                let mut config = config.clone();
+                // What is measured is what maps cost that are drawn.
+                config.comparison.updates = MapUpdates::EveryFrame;
                 let world = self.world();
                 world.entity_mut(sun).insert(config);
                 if let Some(mut light) = world.get_mut::<DirectionalLight>(sun) {

@@ -1,0 +1,221 @@
+//! Which maps stay as they are: what a layer holds, what is needed of it now, and what has changed.
+
+use glam::{DMat3, DVec2, DVec3, UVec2};
+
+use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
+use crate::config::MapUpdates;
+use crate::geometry::{
+    fit::MapBox, hull::CasterHull, light_frame::LightFrame, oriented_box::OrientedBox,
+};
+
+/// Why a map is drawn anew.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Redraw {
+    /// There was none, or none that what changed since is known of.
+    New,
+    /// The light has turned, or texel grids are anchored elsewhere.
+    Light,
+    /// Its size, fit or texels are others.
+    Size,
+    /// What receives shadows has left what the map covers.
+    Moved,
+    /// A caster that matters to it has changed.
+    Casters,
+    /// The settings say so.
+    EveryFrame,
+}
+
+/// Casters that have changed since the last plan.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum CasterChanges {
+    /// Some, nobody knows where.
+    #[default]
+    Anywhere,
+    /// Where they were, and where they are.
+    At(Vec<OrientedBox>),
+}
+
+/// What a cascade's layer holds.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct HeldMap {
+    placed: PlacedMap,
+    size: UVec2,
+    light: LightFrame,
+    /// Of what was to be covered, in the light's frame (meters).
+    center: DVec2,
+    map: CascadeMap,
+    /// Where casters have changed since, out of the reach of what has been seen until now.
+    stale: StaleBoxes,
+    /// It has outlived the frame that it was drawn in.
+    has_lasted: bool,
+}
+
+impl HeldMap {
+    /// Why it cannot stand in for the one that is wanted, if it cannot.
+    fn why_redraw(
+        &mut self,
+        inputs: &PlanInputs,
+        volume: &CascadeVolume,
+        wanted: &PlacedMap,
+        size: UVec2,
+    ) -> Option<Redraw> {
+        const ROUNDING: f64 = 1e-9;
+        let texel = wanted.texel.max_element();
+        let is_same_texel = wanted
+            .texel
+            .abs_diff_eq(self.placed.texel, ROUNDING * texel);
+        let covers = match (&self.placed.map_box, &wanted.map_box) {
+            (Some(held), Some(_)) => spare(inputs, volume, held).min_element() >= -ROUNDING * texel,
+            _ => wanted.clip_from_world == self.placed.clip_from_world,
+        };
+        if self.light != *inputs.light {
+            Some(Redraw::Light)
+        } else if self.size != size || self.placed.fit != wanted.fit || !is_same_texel {
+            Some(Redraw::Size)
+        } else if self.has_stale_casters(inputs, volume, wanted) {
+            Some(Redraw::Casters)
+        } else if !covers || !self.map.hull.contains(&volume.body, wanted.margin(inputs)) {
+            Some(Redraw::Moved)
+        } else {
+            None
+        }
+    }
+
+    /// Whether casters have changed that matter to what is seen. Others that the map holds are noted: they may
+    /// come to matter.
+    fn has_stale_casters(
+        &mut self,
+        inputs: &PlanInputs,
+        volume: &CascadeVolume,
+        wanted: &PlacedMap,
+    ) -> bool {
+        let CasterChanges::At(changed) = inputs.changes else {
+            return true;
+        };
+        if changed.is_empty() && self.stale.0.is_empty() {
+            return false;
+        }
+        let hull = CasterHull::new(&volume.body, inputs.light.z, wanted.margin(inputs));
+        let in_map = changed
+            .iter()
+            .filter(|bounds| self.map.hull.intersects_box(bounds));
+        in_map.for_each(|bounds| self.stale.add(bounds));
+        self.stale.0.len() > StaleBoxes::MOST
+            || self
+                .stale
+                .0
+                .iter()
+                .any(|bounds| hull.intersects_box(bounds))
+    }
+}
+
+/// Boxes along the world's axes, none of which meets another when it is added.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct StaleBoxes(Vec<OrientedBox>);
+
+impl StaleBoxes {
+    /// So many places are not worth telling apart.
+    const MOST: usize = 64;
+
+    /// What moves leaves one trail.
+    fn add(&mut self, bounds: &OrientedBox) {
+        let half = |it: &OrientedBox| {
+            DVec3::new(it.reach(DVec3::X), it.reach(DVec3::Y), it.reach(DVec3::Z))
+        };
+        let meets = |it: &&mut OrientedBox| {
+            let apart = (it.center - bounds.center).abs();
+            apart.cmple(half(it) + half(bounds)).all()
+        };
+        let Some(met) = self.0.iter_mut().find(meets) else {
+            let half_axes = DMat3::from_diagonal(half(bounds));
+            self.0.push(OrientedBox {
+                half_axes,
+                ..*bounds
+            });
+            return;
+        };
+        let lo = (met.center - half(met)).min(bounds.center - half(bounds));
+        let hi = (met.center + half(met)).max(bounds.center + half(bounds));
+        *met = OrientedBox {
+            center: 0.5 * (lo + hi),
+            half_axes: DMat3::from_diagonal(0.5 * (hi - lo)),
+        };
+    }
+}
+
+fn spare(inputs: &PlanInputs, volume: &CascadeVolume, map_box: &MapBox) -> DVec3 {
+    map_box.spare(&volume.body.corners, inputs.light, inputs.reach)
+}
+
+/// A map that is drawn anew, ahead of what moves as far as it has texels to spare, and how far what is
+/// needed may then move (meters).
+fn ahead(
+    inputs: &PlanInputs,
+    volume: &CascadeVolume,
+    wanted: PlacedMap,
+    redraw: Redraw,
+    held: Option<&HeldMap>,
+) -> (PlacedMap, f64) {
+    let Some(map_box) = wanted.map_box else {
+        return (wanted, 0.0);
+    };
+    let spare = spare(inputs, volume, &map_box).truncate().max(DVec2::ZERO);
+    match (redraw, held) {
+        // What its casters have drawn anew each frame need hold none for the frames to come.
+        (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, 0.0),
+        (Redraw::Moved, Some(held)) => {
+            let center = inputs.light.light_from_world(volume.body.center());
+            let moved = center.truncate() - held.center;
+            let share = moved / moved.abs().max_element().max(f64::MIN_POSITIVE);
+            let map_box = map_box.moved(share * spare);
+            let spare = (1.0 + share.abs()) * spare;
+            let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
+            (placed, spare.max_element())
+        }
+        _ => (wanted, spare.max_element()),
+    }
+}
+
+/// The map that is wanted, or the one that is held if that serves as well. `None` if it has no extent.
+pub(super) fn hold(
+    inputs: &PlanInputs,
+    volume: &CascadeVolume,
+    wanted: PlacedMap,
+    size: UVec2,
+    held: &mut Option<HeldMap>,
+) -> Option<CascadeMap> {
+    let redraw = held.as_mut().map_or(Some(Redraw::New), |held| {
+        held.why_redraw(inputs, volume, &wanted, size)
+    });
+    match (redraw, held.as_mut()) {
+        (None, Some(held)) => {
+            held.has_lasted = true;
+            let is_wanted = inputs.config.comparison.updates == MapUpdates::EveryFrame;
+            Some(CascadeMap {
+                aliasing: held.placed.aliasing(inputs, volume),
+                redraw: is_wanted.then_some(Redraw::EveryFrame),
+                ..held.map.clone()
+            })
+        }
+        _ => {
+            let redraw = redraw.unwrap_or(Redraw::New);
+            let (wanted, spare) = ahead(inputs, volume, wanted, redraw, held.as_ref());
+            let center = inputs
+                .light
+                .light_from_world(volume.body.center())
+                .truncate();
+            *held = None;
+            let map = wanted.finish(inputs, volume, spare, redraw)?;
+            *held = Some(HeldMap {
+                placed: wanted,
+                size,
+                light: *inputs.light,
+                center,
+                map: map.clone(),
+                stale: StaleBoxes::default(),
+                has_lasted: false,
+            });
+            Some(map)
+        }
+    }
+}

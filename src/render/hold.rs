@@ -1,0 +1,232 @@
+//! Maps that stay as they are: what each layer holds, and whether that is whole.
+//!
+//! The main world says which maps still serve. The renderer draws them all the same until all their
+//! casters have been drawn: meshes and materials load, pipelines are compiled, layers are allocated anew.
+
+use bevy::{
+    asset::AssetEvent,
+    core_pipeline::schedule::RootNonCameraView,
+    ecs::{
+        entity::{Entity, EntityHashMap},
+        message::MessageReader,
+        query::QueryData,
+        resource::Resource,
+        system::{Commands, Query, Res, ResMut, SystemParam},
+    },
+    math::Mat4,
+    mesh::Mesh3d,
+    pbr::{
+        LightEntity, MeshesToReextractNextFrame, PendingShadowQueues, RenderMeshInstances, Shadow,
+    },
+    render::{
+        Extract,
+        camera::DirtySpecializations,
+        render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
+        render_resource::{CachedPipelineState, PipelineCache, PipelineDescriptor},
+        sync_world::MainEntity,
+        view::{ExtractedView, RenderShadowMapVisibleEntities, RetainedViewEntity},
+    },
+    shader::{Shader, ShaderCacheError},
+};
+
+use super::{ExtractedShadows, layout::AdoptedMap, target::ShadowTarget};
+
+/// What the layers hold, by view.
+#[derive(Resource, Debug, Default)]
+pub(super) struct DrawnMaps {
+    maps: EntityHashMap<DrawnMap>,
+    /// The last extraction that was drawn.
+    frame: u64,
+}
+
+#[derive(Debug, Clone)]
+struct DrawnMap {
+    content: Content,
+    view: RetainedViewEntity,
+    is_held: bool,
+    is_empty: bool,
+    /// How often in a row it has been drawn with all that it should hold.
+    whole: u32,
+}
+
+/// What tells one map from another, as far as the renderer knows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Content {
+    layer: u32,
+    size: [u32; 2],
+    /// Of the target.
+    generation: u64,
+    clip_from_world: Mat4,
+}
+
+/// A transform may reach the GPU a frame late while Bevy's own pipelines are compiled.
+const WHOLE_AT_LEAST: u32 = 2;
+
+impl DrawnMaps {
+    /// Whether a view's layer stays as it is in this frame and holds anything.
+    pub fn holds_casters(&self, view: Entity) -> bool {
+        self.maps
+            .get(&view)
+            .is_some_and(|map| map.is_held && !map.is_empty)
+    }
+}
+
+#[derive(QueryData)]
+pub(super) struct HoldableView {
+    entity: Entity,
+    map: &'static AdoptedMap,
+    light: &'static LightEntity,
+    extracted: &'static ExtractedView,
+}
+
+/// What may be missing in a view, or has changed in it.
+#[derive(SystemParam)]
+pub(super) struct Unsettled<'w, 's> {
+    lists: Query<'w, 's, &'static RenderShadowMapVisibleEntities>,
+    dirty: Res<'w, DirtySpecializations>,
+    pending: Res<'w, PendingShadowQueues>,
+}
+
+impl Unsettled<'_, '_> {
+    /// Whether any of a view's casters is another one than it was, by mesh, material or being there.
+    fn is_in(&self, light: Entity, view: RetainedViewEntity) -> bool {
+        if self.dirty.views.contains(&view) {
+            return true;
+        }
+        let is_waiting = self
+            .pending
+            .get(&view)
+            .is_some_and(|queues| queues.prev_frame != queues.current_frame);
+        let lists = self.lists.get(light).ok();
+        let class = lists.and_then(|lists| lists.subviews.get(&view)?.1.get::<Mesh3d>());
+        let Some(class) = class else {
+            return is_waiting;
+        };
+        let is_caster = |entity: &MainEntity| {
+            let listed = &class.entities_cpu_culling;
+            class.entities_gpu_culling.contains_key(entity)
+                || listed
+                    .binary_search_by_key(entity, |(_, main)| *main)
+                    .is_ok()
+        };
+        let DirtySpecializations {
+            changed_renderables,
+            removed_renderables,
+            ..
+        } = &*self.dirty;
+        is_waiting
+            || !class.added_entities.is_empty()
+            || !class.removed_entities.is_empty()
+            || changed_renderables.iter().any(is_caster)
+            || removed_renderables.iter().any(is_caster)
+    }
+}
+
+/// Takes the views whose layers still serve out of this frame: no draw, no preprocessing.
+pub(super) fn hold_maps(
+    mut commands: Commands,
+    views: Query<HoldableView>,
+    unsettled: Unsettled,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    target: Res<ShadowTarget>,
+    extracted: Res<ExtractedShadows>,
+    mut drawn: ResMut<DrawnMaps>,
+) {
+    // What was planned in a frame that was not drawn is not known here.
+    if core::mem::replace(&mut drawn.frame, extracted.frame) + 1 != extracted.frame {
+        drawn.maps.clear();
+    }
+    let mut known = core::mem::take(&mut drawn.maps);
+    for it in &views {
+        let LightEntity::Directional { light_entity, .. } = it.light else {
+            continue;
+        };
+        let content = Content {
+            layer: it.map.layer,
+            size: it.map.size.to_array(),
+            generation: target.generation(),
+            clip_from_world: it.extracted.clip_from_world.unwrap_or_default(),
+        };
+        let view = it.extracted.retained_view_entity;
+        let is_empty = phases.get(&view).is_none_or(BinnedRenderPhase::is_empty);
+        let before = known.remove(&it.entity);
+        let whole = before.as_ref().map_or(0, |before| before.whole);
+        let is_same = before.is_some_and(|before| before.content == content);
+        let is_held = it.map.may_hold
+            && is_same
+            && whole >= WHOLE_AT_LEAST
+            && !unsettled.is_in(*light_entity, view);
+        if is_held {
+            commands
+                .entity(it.entity)
+                .remove::<(RootNonCameraView, ExtractedView)>();
+        }
+        let map = DrawnMap {
+            content,
+            view,
+            is_held,
+            is_empty,
+            whole,
+        };
+        drawn.maps.insert(it.entity, map);
+    }
+}
+
+/// Counts how often maps have been drawn whole.
+pub(super) fn note_whole_maps(
+    mut drawn: ResMut<DrawnMaps>,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    pipelines: Res<PipelineCache>,
+    meshes: Res<RenderMeshInstances>,
+    late: Res<MeshesToReextractNextFrame>,
+) {
+    if drawn.maps.values().all(|map| map.is_held) {
+        return;
+    }
+    let has_late = late
+        .iter()
+        .any(|entity| meshes.render_mesh_queue_data(*entity).is_some());
+    // Such as Bevy's that cull and lay out what is drawn.
+    let computes = !pipelines.pipelines().any(|pipeline| {
+        matches!(
+            pipeline.descriptor,
+            PipelineDescriptor::ComputePipelineDescriptor(_)
+        ) && is_on_its_way(&pipeline.state)
+    });
+    for map in drawn.maps.values_mut().filter(|map| !map.is_held) {
+        let is_whole = !has_late
+            && computes
+            && phases.get(&map.view).is_none_or(|phase| {
+                let sets = phase.multidrawable_meshes.keys();
+                let keys = phase
+                    .batchable_meshes
+                    .keys()
+                    .chain(phase.unbatchable_meshes.keys());
+                let mut sets = sets.chain(keys.map(|(set, _)| set));
+                sets.all(|set| !is_on_its_way(pipelines.get_render_pipeline_state(set.pipeline)))
+            });
+        map.whole = if is_whole { map.whole + 1 } else { 0 };
+    }
+}
+
+/// Whether a pipeline may yet be made.
+fn is_on_its_way(state: &CachedPipelineState) -> bool {
+    match state {
+        CachedPipelineState::Queued | CachedPipelineState::Creating(_) => true,
+        CachedPipelineState::Err(error) => matches!(
+            error,
+            ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable
+        ),
+        CachedPipelineState::Ok(_) => false,
+    }
+}
+
+/// Shaders that are loaded again draw other maps.
+pub(super) fn forget_drawn(
+    mut drawn: ResMut<DrawnMaps>,
+    mut shaders: Extract<MessageReader<AssetEvent<Shader>>>,
+) {
+    if shaders.read().count() > 0 {
+        drawn.maps.clear();
+    }
+}

@@ -1,0 +1,278 @@
+//! Maps are drawn when they have to be, and held pictures are those of maps drawn anew.
+
+use bevy::{
+    camera::visibility::RenderLayers,
+    core_pipeline::schedule::RootNonCameraView,
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    light::NotShadowCaster,
+    prelude::*,
+    render::RenderApp,
+};
+use bevy_pssm::{MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
+use image::RgbaImage;
+
+use crate::{
+    compare::assert_identical,
+    stage::{Stage, eye, shadows},
+};
+
+fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(config);
+    stage.camera();
+    stage.headless.settle();
+    // Until maps are known to be whole.
+    for _ in 0..4 {
+        stage.step();
+    }
+    (stage, sun)
+}
+
+/// How many maps the last frame drew.
+fn drawn(stage: &mut Stage) -> usize {
+    let render_app = stage.headless.app.sub_app_mut(RenderApp);
+    let mut maps = render_app
+        .world_mut()
+        .query_filtered::<(), (With<AdoptedMap>, With<RootNonCameraView>)>();
+    maps.iter(render_app.world()).count()
+}
+
+fn blocks(stage: &mut Stage) -> Vec<Entity> {
+    let mut casters = stage
+        .world()
+        .query_filtered::<(Entity, &Transform), (With<Mesh3d>, Without<Camera3d>)>();
+    let casters = casters.iter(stage.headless.app.world());
+    let mut blocks: Vec<_> = casters.filter(|(_, at)| at.translation.y > 0.0).collect();
+    blocks.sort_by(|a, b| a.1.translation.z.total_cmp(&b.1.translation.z));
+    blocks.into_iter().map(|(entity, _)| entity).collect()
+}
+
+#[test]
+fn at_rest_nothing_is_drawn_and_what_changes_is() {
+    let (mut stage, sun) = stage(shadows());
+    let store = stage.world().resource::<DiagnosticsStore>();
+    let count = |path: &DiagnosticPath| store.get_measurement(path).map(|it| it.value);
+    assert_eq!(count(&MAPS_DRAWN), Some(0.0));
+    assert!(count(&MAPS_HELD) >= Some(3.0));
+    let mut cost = |change: &dyn Fn(&mut World)| {
+        change(stage.world());
+        stage.step();
+        let first = drawn(&mut stage);
+        let later = (0..5).map(|_| {
+            stage.step();
+            drawn(&mut stage)
+        });
+        (first, later.sum::<usize>())
+    };
+    assert_eq!(cost(&|_| ()), (0, 0));
+    // Written, and the same.
+    assert_eq!(
+        cost(&|world| {
+            let mut all = world.query::<&mut Transform>();
+            all.iter_mut(world).for_each(|mut it| it.set_changed());
+        }),
+        (0, 0)
+    );
+    let turn = |world: &mut World| {
+        let mut sun = world.get_mut::<Transform>(sun).expect("a sun");
+        sun.rotate_y(0.1);
+    };
+    let (first, later) = cost(&turn);
+    assert!(first >= 3 && later == 0, "{first} then {later}");
+    let nudge = |world: &mut World| {
+        let mut cameras = world.query_filtered::<&mut Transform, With<Camera3d>>();
+        for mut camera in cameras.iter_mut(world) {
+            camera.translation.x += 0.01;
+        }
+    };
+    let (first, later) = cost(&nudge);
+    assert!(first <= 1 && later == 0, "{first} then {later}");
+}
+
+/// Of a sequence of pseudorandom numbers in [0, 1).
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f32 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f32 / (1_u64 << 24) as f32
+    }
+
+    fn pick(&mut self, count: usize) -> usize {
+        (self.roll() * count as f32) as usize
+    }
+}
+
+/// What a game does to its casters in a frame.
+fn change_something(world: &mut World, casters: &mut Vec<Entity>, dice: &mut Dice) {
+    let index = dice.pick(casters.len());
+    let caster = casters[index];
+    let mut entity = world.entity_mut(caster);
+    match dice.pick(10) {
+        0 => {
+            let by = Vec3::new(dice.roll() - 0.5, 0.0, dice.roll() - 0.5);
+            entity.get_mut::<Transform>().expect("one").translation += by;
+        }
+        1 => {
+            let is_hidden = entity.get::<Visibility>() == Some(&Visibility::Hidden);
+            entity.insert(if is_hidden {
+                Visibility::Inherited
+            } else {
+                Visibility::Hidden
+            });
+        }
+        2 if entity.contains::<NotShadowCaster>() => {
+            entity.remove::<NotShadowCaster>();
+        }
+        2 => {
+            entity.insert(NotShadowCaster);
+        }
+        3 if entity.contains::<RenderLayers>() => {
+            entity.remove::<RenderLayers>();
+        }
+        3 => {
+            entity.insert(RenderLayers::from_layers(&[0, 3]));
+        }
+        4 => {
+            let other = casters[dice.pick(casters.len())];
+            let mesh = world.get::<Mesh3d>(other).expect("a mesh").clone();
+            world.entity_mut(caster).insert(mesh);
+        }
+        5 => {
+            let at = Transform::from_xyz(8.0 * dice.roll() - 4.0, 1.5, 10.0 * dice.roll() - 8.0);
+            let (mesh, material) = (
+                entity.get::<Mesh3d>().expect("a mesh").clone(),
+                entity
+                    .get::<MeshMaterial3d<StandardMaterial>>()
+                    .expect("a material")
+                    .clone(),
+            );
+            casters.push(world.spawn((mesh, material, at)).id());
+        }
+        6 if casters.len() > 8 => {
+            world.entity_mut(caster).despawn();
+            casters.remove(index);
+        }
+        7 => {
+            let material = entity
+                .get::<MeshMaterial3d<StandardMaterial>>()
+                .expect("one")
+                .0
+                .clone();
+            let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+            if let Some(mut material) = materials.get_mut(&material) {
+                material.alpha_mode = match material.alpha_mode {
+                    AlphaMode::Opaque => AlphaMode::Mask(0.5),
+                    _ => AlphaMode::Opaque,
+                };
+                material.base_color.set_alpha(dice.roll());
+            }
+        }
+        8 => {
+            let mesh = entity.get::<Mesh3d>().expect("a mesh").0.clone();
+            let mut meshes = world.resource_mut::<Assets<Mesh>>();
+            if let Some(mut mesh) = meshes.get_mut(&mesh) {
+                let by = Vec3::splat(0.8 + 0.4 * dice.roll());
+                mesh.scale_by(by);
+            }
+        }
+        _ => {
+            entity
+                .get_mut::<Transform>()
+                .expect("one")
+                .rotate_y(dice.roll());
+        }
+    }
+}
+
+/// A walk with a turn and a cut, during which casters change now and then.
+fn walk(updates: MapUpdates, fit: CascadeFit, frames: usize) -> (Vec<RgbaImage>, usize) {
+    let config = ParallelSplitShadows {
+        fit,
+        comparison: Comparison {
+            updates,
+            ..default()
+        },
+        ..shadows()
+    };
+    let (mut stage, _) = stage(config);
+    let mut casters = blocks(&mut stage);
+    let mut dice = Dice(7);
+    let mut total = 0;
+    let mut pictures = Vec::new();
+    for frame in 0..frames {
+        let world = stage.world();
+        let mut cameras = world.query_filtered::<&mut Transform, With<Camera3d>>();
+        for mut camera in cameras.iter_mut(world) {
+            match frame % 60 {
+                0..20 => camera.translation.z -= 0.1,
+                20..30 => camera.rotate_y(0.02),
+                45 => *camera = eye(),
+                _ => (),
+            }
+        }
+        if frame % 3 == 0 {
+            change_something(world, &mut casters, &mut dice);
+        }
+        stage.step();
+        total += drawn(&mut stage);
+        let size = crate::stage::SIZE;
+        let picture = RgbaImage::from_raw(size.x, size.y, stage.headless.read_back());
+        pictures.push(picture.expect("a picture"));
+    }
+    (pictures, total)
+}
+
+/// `PSSM_HOLD_FRAMES` says how many frames each walk has.
+#[test]
+fn held_pictures_are_those_of_maps_drawn_anew() {
+    let frames = std::env::var("PSSM_HOLD_FRAMES").ok();
+    let frames = frames.map_or(60, |frames| frames.parse().expect("a number"));
+    for (name, fit, most) in [
+        ("steady", CascadeFit::Steady, 0.3),
+        ("stable", CascadeFit::Stable, 0.5),
+        ("tight", CascadeFit::Tight, 0.4),
+        ("warped", CascadeFit::Warped(MapWarp::Minimax), 0.8),
+    ] {
+        let (anew, every) = walk(MapUpdates::EveryFrame, fit.clone(), frames);
+        let (held, needed) = walk(MapUpdates::WhenNeeded, fit, frames);
+        for (frame, (held, anew)) in held.iter().zip(&anew).enumerate() {
+            if held != anew {
+                assert_identical(&format!("held_{name}_{frame}"), held, anew);
+            }
+        }
+        let share = needed as f64 / every as f64;
+        assert!(share < most, "{name}: {needed} of {every} maps drawn");
+    }
+}
+
+#[test]
+fn games_overrule_what_changes() {
+    let (mut stage, _) = stage(shadows());
+    let caster = blocks(&mut stage)[0];
+    let mut frame = |change: &dyn Fn(&mut EntityWorldMut)| {
+        change(&mut stage.world().entity_mut(caster));
+        stage.step();
+        drawn(&mut stage)
+    };
+    let set = |it: &mut EntityWorldMut, updates: Option<ShadowUpdates>| {
+        match updates {
+            Some(updates) => it.insert(updates),
+            None => it.remove::<ShadowUpdates>(),
+        };
+    };
+    assert_eq!(frame(&|_| ()), 0);
+    assert!(frame(&|it| set(it, Some(ShadowUpdates::Always))) > 0);
+    assert!(frame(&|_| ()) > 0);
+    assert_eq!(frame(&|it| set(it, Some(ShadowUpdates::Never))), 0);
+    let move_it = |it: &mut EntityWorldMut| {
+        it.get_mut::<Transform>().expect("one").translation.x += 1.0;
+    };
+    assert_eq!(frame(&move_it), 0);
+    assert_eq!(frame(&|it| set(it, None)), 0);
+    assert!(frame(&move_it) > 0);
+}
