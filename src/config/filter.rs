@@ -37,7 +37,8 @@ pub enum ShadowFilter {
     /// temporal antialiasing; grainy otherwise.
     Temporal(FilterRadius),
     /// Percentage-closer soft shadows: the farther the caster from the surface, the softer. 16
-    /// taps to find how far, 16 to filter, turned from pixel to pixel.
+    /// taps to find how far, 16 to filter, turned from pixel to pixel, and from frame to frame for cameras with
+    /// temporal antialiasing or `ShadowFilteringMethod::Temporal`.
     Soft {
         /// How large the sun looks (degrees, above 0 and at most 20). The real one: 0.53.
         #[reflect(@0.0..=MAX_SUN_DEGREES)]

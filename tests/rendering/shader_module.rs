@@ -91,7 +91,11 @@ fn every_flag_combination_compiles() {
     ];
     let platforms: [&[&str]; 5] = [
         &[],
-        &["AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3", "DEPTH_PREPASS"],
+        &[
+            "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
+            "DEPTH_PREPASS",
+            "TEMPORAL_JITTER",
+        ],
         &["NO_CUBE_ARRAY_TEXTURES_SUPPORT"],
         &["DEFERRED_LIGHTING_PIPELINE", "DEPTH_PREPASS"],
         &["DEFERRED_LIGHTING_PIPELINE", "PCSS_SAMPLERS_AVAILABLE"],
