@@ -27,6 +27,7 @@
 //!   per camera, why each is drawn in this frame, if it is, and each caster's cascades. Bevy's own `Cascades`, `CascadesFrusta`
 //!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
+//! - [`ManagedLight`] on the light holds what Bevy's settings were: a game that saves lights saves it, too.
 //! - [`CameraCut`] says that a view has jumped, [`ShadowGridOrigin`] that the world has moved, and
 //!   [`BoundsMargin`] how far a vertex shader moves a mesh. [`ShadowUpdates`] overrules when a caster's
 //!   shadow is drawn anew.
@@ -77,8 +78,8 @@ pub use render::PssmRenderSystems;
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
-    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, PssmSystems,
-    ShadowGridOrigin, ShadowPlans, ShadowUpdates,
+    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, ManagedLight,
+    PssmSystems, ShadowGridOrigin, ShadowPlans, ShadowUpdates,
 };
 
 use bevy::{

@@ -24,15 +24,16 @@ pub enum CascadeFit {
     Tight,
     /// The smallest box in the view's frame, in perspective, with more texels near the eye:
     /// sharpest, and edges crawl while the camera moves. `Minimax` gives way, cascade by cascade, to
-    /// `Tight` where that has clearly smaller texels on average over what is seen.
+    /// `Tight` where that has clearly smaller texels on average over what is seen. Kilometers from the
+    /// origin all warps are weaker near the eye, where `f32` does not tell such small texels apart.
     Warped(MapWarp),
     /// One for each cascade, from the nearest on: stable near and warped far, or the reverse.
     PerCascade(Vec<MapFit>),
     /// A map of its own for every face of the view that light enters or leaves it by, warped from
     /// edge to edge (Lloyd et al. 2006, 5.1): for light along the view, where no other warp gains
-    /// anything. One to four faces share four maps, and slices get what is left, as few as they
-    /// have once been: with so few maps, slices alone are sharper at most angles. Needs four
-    /// cascades; for cameras in perspective.
+    /// anything. One to four faces share four maps, but for those that the light sees nearly edge-on,
+    /// and slices get what is left, as few as they have been within the last ten seconds: with so few
+    /// maps, slices alone are sharper at most angles. Needs four cascades; for cameras in perspective.
     Faces,
     /// Chosen for each cascade from what a fit is predicted to gain, and no more cascades than gain
     /// anything. Choices are held until another is clearly better.

@@ -39,7 +39,8 @@ pub const MAX_CASCADES: usize = 4;
 /// on every active 3D camera. `shadow_maps_enabled = false` afterwards means no shadows, until it
 /// is `true` again, also if the component goes and comes back in between. Removing the component
 /// brings Bevy's own shadows back exactly as they were configured. `CascadeShadowConfig` is
-/// overwritten while it is present.
+/// overwritten while it is present; a saved world keeps what the game had set in
+/// [`ManagedLight`](crate::ManagedLight).
 ///
 /// The cameras' `ShadowFilteringMethod`, `NotShadowCaster` and `NotShadowReceiver` keep their
 /// meaning. `DirectionalLight::shadow_depth_bias` and `shadow_normal_bias` add to the bias what they

@@ -4,14 +4,14 @@ use glam::UVec2;
 
 use super::{
     CascadeHistory, PlanInputs,
-    layout::{Layout, follows_receivers, is_focused},
+    layout::{Layout, follows_receivers, is_focused, wedges},
     map,
     size::even_size,
     volume::CascadeVolume,
 };
 use crate::{
     config::{CascadeFit, MAX_CASCADES, MapFit, MapWarp, SplitScheme},
-    geometry::hysteresis::Slack,
+    geometry::hysteresis::{Kept, Slack},
 };
 
 /// Pixels across a texel; finer is not sharper.
@@ -130,15 +130,25 @@ fn most_slices(inputs: &PlanInputs, range: [f64; 2]) -> usize {
     (worth.ceil() as usize).clamp(1, all)
 }
 
+/// Doubles a number in two steps, so that one which is twice too large is held for a while and then let go.
+const FACE_SLACK: Slack = Slack(core::f64::consts::SQRT_2 - 1.0);
+
 /// How many slices are worth a cascade: the fewest that are predicted to be about as sharp as any
-/// number is.
-pub(super) fn slice_count(inputs: &PlanInputs, range: [f64; 2], kept: Option<usize>) -> usize {
+/// number is. `faces` is the number of faces that there is room for in each, where those have maps of their
+/// own.
+pub(super) fn slice_count(
+    inputs: &PlanInputs,
+    range: [f64; 2],
+    kept: Option<usize>,
+    faces: &mut Kept<f64>,
+) -> usize {
     let config = inputs.config;
     let all = most_slices(inputs, range);
     if config.fit == CascadeFit::Faces {
         // The number of faces changes with the direction of light and view. Once there have been
-        // many, slices stay as few as those leave, or shadows would change to and fro.
-        return kept.unwrap_or(config.cascades as usize);
+        // many, slices stay as few as those leave for a while, or shadows would change to and fro.
+        let room = FACE_SLACK.round_up(wedges(inputs).len().max(1) as f64, faces);
+        return (f64::from(config.cascades) / room).round() as usize;
     }
     if !config.fit.chooses() || matches!(config.splits, SplitScheme::Manual(_)) {
         return all;

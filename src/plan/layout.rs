@@ -145,7 +145,8 @@ fn fade_start(inputs: &PlanInputs) -> f64 {
     far - f64::from(config.fade) * (far - last.unwrap_or(&near))
 }
 
-fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
+/// The wedges that share each slice, if faces of the view have maps of their own.
+pub(super) fn wedges(inputs: &PlanInputs) -> Vec<Wedge> {
     // Fog looks its cascade up by depth alone.
     if inputs.config.fit == CascadeFit::Faces && !inputs.receivers.has_fog() {
         Wedge::of_view(inputs.view, inputs.light.z)

@@ -79,6 +79,7 @@ pub(super) fn place(
             };
             let (frame, strength) = warp_frame(warp, direction, view, light.z, volume.seen())?;
             let vertices = volume.body.vertices(view);
+            let strength = strength.min(frame.most_strength(&vertices, f64::from(map_size.y)));
             let (clip_from_world, texel) = frame.guarded_map(&vertices, strength, map_size, reach);
             PlacedMap {
                 clip_from_world,

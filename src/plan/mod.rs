@@ -142,6 +142,8 @@ pub struct PlanHistory {
     kept_range: KeptRange,
     /// Slices in use.
     slices: Option<usize>,
+    /// Faces that each slice has room for.
+    faces: Kept<f64>,
     cascades: [CascadeHistory; MAX_CASCADES],
 }
 
@@ -149,6 +151,10 @@ impl PlanHistory {
     fn new(config: &ParallelSplitShadows) -> Self {
         let mut history = Self {
             config: Some(config.clone()),
+            faces: Kept::with(Hold {
+                frames: Hold::LONG.frames,
+                ..Hold::SHORT
+            }),
             ..Self::default()
         };
         if config.fit.any(|fit| fit == MapFit::Steady) {
@@ -208,7 +214,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
         };
     }
     let range = layout::split_range(inputs, &mut history.kept_range);
-    let slices = choose::slice_count(inputs, range, history.slices);
+    let slices = choose::slice_count(inputs, range, history.slices, &mut history.faces);
     let layout = Layout::new(inputs, range, slices);
     // Cascades of other slices have nothing to hold on to.
     let slices = layout.slices();

@@ -12,7 +12,10 @@ use crate::{
 pub fn warp_direction(axis: WarpAxis, view: &ViewVolume, seen: &ConvexBody) -> Option<DVec3> {
     match axis {
         WarpAxis::View => view.forward(),
-        WarpAxis::BodyCenter => (seen.centroid() - view.eye).try_normalize(),
+        // An orthographic camera may stand in the middle of what it sees.
+        WarpAxis::BodyCenter => (seen.centroid() - view.eye)
+            .try_normalize()
+            .or_else(|| view.forward()),
     }
 }
 

@@ -12,11 +12,13 @@ use bevy::{
         lifecycle::Remove,
         observer::On,
         query::{Has, QueryData},
+        reflect::ReflectComponent,
         system::{Commands, EntityCommands, Query, Res},
         world::EntityWorldMut,
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight},
     log::warn,
+    reflect::{Reflect, std_traits::ReflectDefault},
 };
 
 use super::{CasterCascades, ShadowPlans, publish::published_config};
@@ -28,20 +30,28 @@ use crate::{
 
 /// The plugin's record of a light: the configuration in force and Bevy's settings to restore.
 /// Added with [`ParallelSplitShadows`], and removed after it.
-#[derive(Component, Debug, Default, Clone)]
+///
+/// Worlds are to be saved with it: Bevy's settings are in here, for the light's own
+/// `shadow_maps_enabled` and `CascadeShadowConfig` are the plugin's while the light is managed.
+#[derive(Component, Reflect, Debug, Default, Clone)]
+#[reflect(Component, Default, Debug, Clone)]
 #[require(ShadowPlans, CasterCascades)]
 pub struct ManagedLight {
+    #[reflect(ignore)]
     last_good: Option<ParallelSplitShadows>,
     /// The last good configuration, over the range and with the fit that are in force.
+    #[reflect(ignore)]
     in_force: Option<ParallelSplitShadows>,
     /// When the configuration that was checked last was written.
+    #[reflect(ignore)]
     checked: Option<Tick>,
     built_in: Option<BuiltInShadows>,
 }
 
 /// Marks a light whose shadows the game switched off while it was managed: they stay off when it is
 /// managed again.
-#[derive(Component, Debug, Default)]
+#[derive(Component, Reflect, Debug, Default)]
+#[reflect(Component, Default, Debug)]
 pub struct SwitchedOff;
 
 impl ManagedLight {
@@ -89,16 +99,26 @@ impl ManagedLight {
         self.in_force.as_ref()
     }
 
-    /// Gives Bevy its settings back.
+    /// Lets the light go.
     fn release(
         &mut self,
-        mut commands: EntityCommands,
+        commands: EntityCommands,
         light: &mut DirectionalLight,
         cascade_config: &mut CascadeShadowConfig,
     ) {
         self.last_good = None;
         self.in_force = None;
         self.checked = None;
+        self.restore(commands, light, cascade_config);
+    }
+
+    /// Gives Bevy its settings back.
+    fn restore(
+        &mut self,
+        mut commands: EntityCommands,
+        light: &mut DirectionalLight,
+        cascade_config: &mut CascadeShadowConfig,
+    ) {
         if let Some(built_in) = self.built_in.take() {
             if !light.shadow_maps_enabled {
                 commands.try_insert(SwitchedOff);
@@ -120,7 +140,8 @@ fn drawable_fit(fit: &CascadeFit, support: &ShadowSupport) -> CascadeFit {
 }
 
 /// Settings of Bevy's that the plugin overwrites.
-#[derive(Debug, Clone)]
+#[derive(Reflect, Debug, Clone)]
+#[reflect(Debug, Clone)]
 struct BuiltInShadows {
     shadow_maps_enabled: bool,
     cascade_config: CascadeShadowConfig,
@@ -216,7 +237,8 @@ pub(super) fn manage_lights(
         let is_removed = it.config.is_none();
         let config = it.config.filter(|_| support.may_take_over());
         let Some(config) = config else {
-            if it.managed.checked.is_some() {
+            // A light that has been saved while it was managed has not been checked here.
+            if it.managed.checked.is_some() || it.managed.built_in.is_some() {
                 let commands = commands.entity(it.entity);
                 it.managed
                     .release(commands, &mut it.light, &mut it.cascade_config);
@@ -241,6 +263,12 @@ pub(super) fn manage_lights(
             .accept(it.entity, &config, &it.cascade_config, &support)
             .map(published_config)
         else {
+            // What was good where the light was saved may not be here.
+            if it.managed.built_in.is_some() {
+                let commands = commands.entity(it.entity);
+                it.managed
+                    .restore(commands, &mut it.light, &mut it.cascade_config);
+            }
             continue;
         };
         if it.managed.built_in.is_none() {

@@ -65,6 +65,8 @@ pub(crate) fn build(app: &mut App) {
     // Without it, casters are known a frame later.
     let world = app.world_mut();
     let _ = world.try_register_required_components::<Mesh3d, CasterRecord>();
+    app.register_type::<ManagedLight>()
+        .register_type::<manage::SwitchedOff>();
     app.register_required_components::<ParallelSplitShadows, ManagedLight>();
     app.register_required_components::<ShadowPreset, AppliedPreset>();
     app.configure_sets(

@@ -20,16 +20,35 @@ use bevy_pssm::{
 };
 use proptest::prelude::*;
 
-use crate::views::{any_direction, any_turn, perspective, volume};
+use crate::views::{any_direction, any_turn, in_picture, perspective, sees, volume};
 
 const REACH: LookupReach = LookupReach { texels: 6.0 };
 const SIZE: u32 = 1024;
 
 /// A box along the world's axes.
 #[derive(Debug, Clone, Copy)]
-struct Thing {
-    center: DVec3,
-    half: DVec3,
+pub struct Thing {
+    pub center: DVec3,
+    pub half: DVec3,
+}
+
+impl Thing {
+    /// Its lower and its upper corner.
+    pub fn ends(&self) -> [DVec3; 2] {
+        [self.center - self.half, self.center + self.half]
+    }
+}
+
+/// Things that a camera sees, if they are there.
+pub fn receivers_of(view: &ViewVolume, things: &[Thing]) -> Receivers {
+    let mut receivers = Receivers::new(view);
+    for thing in things {
+        receivers.add(&OrientedBox {
+            center: thing.center,
+            half_axes: DMat3::from_diagonal(thing.half),
+        });
+    }
+    receivers
 }
 
 /// A camera and what there is.
@@ -49,14 +68,7 @@ impl Scene {
     }
 
     fn receivers(&self, view: &ViewVolume) -> Receivers {
-        let mut receivers = Receivers::new(view);
-        for thing in &self.things {
-            receivers.add(&OrientedBox {
-                center: thing.center,
-                half_axes: DMat3::from_diagonal(thing.half),
-            });
-        }
-        receivers
+        receivers_of(view, &self.things)
     }
 
     fn plan(&self, config: &ParallelSplitShadows, to_light: DVec3) -> Vec<CascadePlan> {
@@ -129,7 +141,7 @@ fn fit() -> impl Strategy<Value = CascadeFit> {
     ]
 }
 
-fn warp() -> impl Strategy<Value = MapWarp> {
+pub fn warp() -> impl Strategy<Value = MapWarp> {
     prop_oneof![
         Just(MapWarp::Minimax),
         Just(MapWarp::Lispsm),
@@ -178,19 +190,10 @@ proptest! {
         });
         let of_rays = rays.iter().map(|[x, y, depth]| {
             let depth = 0.1 * 4000_f64.powf(*depth);
-            let lo = view.min[0] + depth * view.min[1];
-            let hi = view.max[0] + depth * view.max[1];
-            let at = lo + (hi - lo) * DVec2::new(*x, *y);
-            view.eye + view.axes * at.extend(-depth)
+            in_picture(&view, 2.0 * DVec2::new(*x, *y) - 1.0, depth)
         });
-        let seen = |point: &DVec3| {
-            let local = view.axes.inverse() * (*point - view.eye);
-            let depth = -local.z;
-            let lo = view.min[0] + depth * view.min[1];
-            let hi = view.max[0] + depth * view.max[1];
-            depth > view.near && local.x > lo.x && local.x < hi.x && local.y > lo.y && local.y < hi.y
-        };
-        for point in of_boxes.chain(of_rays).filter(|point| seen(point) && within(*point)) {
+        let is_seen = |point: &DVec3| sees(&view, *point) && within(*point);
+        for point in of_boxes.chain(of_rays).filter(is_seen) {
             let depth = view.depth_of(point);
             let mut found = 0;
             for (index, cascade) in plans.iter().enumerate() {
@@ -267,7 +270,7 @@ proptest! {
 /// The box around what things have in a slice, each clipped by itself.
 fn exact_extent(scene: &Scene, view: &ViewVolume, slice: &Slice) -> [DVec4; 2] {
     let parts = scene.things.iter().map(|thing| {
-        let [lo, hi] = [thing.center - thing.half, thing.center + thing.half];
+        let [lo, hi] = thing.ends();
         ConvexBody::of_box(lo, hi).within(ConvexBody::of_slice(slice).planes())
     });
     let corners = parts.flat_map(|part| part.corners);

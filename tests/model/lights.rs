@@ -667,6 +667,7 @@ fn types_are_registered_for_reflection() {
         "bevy_pssm::config::preset::ShadowPreset",
         "bevy_pssm::debug::ShadowOverlay",
         "bevy_pssm::shaders::features::ShaderFeatures",
+        "bevy_pssm::systems::manage::ManagedLight",
         "bevy_pssm::config::splits::SplitScheme",
     ] {
         assert!(registry.get_with_type_path(path).is_some(), "{path}");

@@ -39,7 +39,7 @@ fn planes_equal_the_reference() {
     assert_eq!(rows, 133);
 }
 
-fn any_scheme() -> impl Strategy<Value = SplitScheme> {
+pub fn any_scheme() -> impl Strategy<Value = SplitScheme> {
     prop_oneof![
         Just(SplitScheme::Uniform),
         Just(SplitScheme::Logarithmic),

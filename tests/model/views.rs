@@ -2,7 +2,7 @@
 
 use bevy::{
     camera::{OrthographicProjection, PerspectiveProjection, Projection},
-    math::{DAffine3, DQuat, DVec3, Mat4, Quat, Rect, Vec3, Vec4},
+    math::{DAffine3, DQuat, DVec2, DVec3, Mat4, Quat, Rect, Vec3, Vec4},
 };
 use bevy_pssm::geometry::slice::ViewVolume;
 use proptest::prelude::*;
@@ -18,6 +18,11 @@ pub fn perspective(fov: f32, aspect_ratio: f32) -> Projection {
 }
 
 pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
+    volume_through(&projection.get_clip_from_view(), eye, turn)
+}
+
+/// By any matrix, of Bevy's kind.
+pub fn volume_through(clip_from_view: &Mat4, eye: Vec3, turn: Quat) -> ViewVolume {
     // As a game has it: positions and rotations in f32.
     let rotation = bevy::math::Affine3A::from_rotation_translation(turn, eye);
     let world_from_view = DAffine3 {
@@ -28,7 +33,25 @@ pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
         ),
         translation: rotation.translation.as_dvec3(),
     };
-    ViewVolume::new(world_from_view, &projection.get_clip_from_view()).expect("a sound camera")
+    ViewVolume::new(world_from_view, clip_from_view).expect("a sound camera")
+}
+
+/// The place in world space at so much of the picture's half width and height, and so deep.
+pub fn in_picture(view: &ViewVolume, at: DVec2, depth: f64) -> DVec3 {
+    let lo = view.min[0] + depth * view.min[1];
+    let hi = view.max[0] + depth * view.max[1];
+    let at = 0.5 * (lo + hi) + 0.5 * (hi - lo) * at;
+    view.eye + view.axes * at.extend(-depth)
+}
+
+/// Whether a camera sees a point that nothing hides.
+pub fn sees(view: &ViewVolume, point: DVec3) -> bool {
+    let local = view.axes.inverse() * (point - view.eye);
+    let depth = -local.z;
+    let lo = view.min[0] + depth * view.min[1];
+    let hi = view.max[0] + depth * view.max[1];
+    let at = local.truncate();
+    depth > view.nearest() && depth < view.far && at.cmpgt(lo).all() && at.cmplt(hi).all()
 }
 
 pub fn any_turn() -> impl Strategy<Value = Quat> {

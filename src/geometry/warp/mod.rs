@@ -8,6 +8,7 @@
 mod lispsm;
 mod lloyd;
 mod minimax;
+mod rounding;
 mod trapezoid;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
@@ -61,15 +62,19 @@ impl WarpFrame {
         Self::along_or_up(view, view.forward()?, to_light)
     }
 
-    /// A frame whose warp runs along `away`, or along the camera's up where that is parallel to the
-    /// light and no strength is above zero. `None` as for [`WarpFrame::of_view`].
+    /// A frame whose warp runs along `away`; or, where that is parallel to the light and no strength is above
+    /// zero, along the camera's up, or its right if that is as well. `None` as for [`WarpFrame::of_view`].
     pub fn along_or_up(view: &ViewVolume, away: DVec3, to_light: DVec3) -> Option<Self> {
-        let sine = away.cross(to_light.try_normalize()?).length();
-        if sine > PARALLEL * away.length() {
+        let to_light = to_light.try_normalize()?;
+        let is_across = |axis: &DVec3| axis.cross(to_light).length() > PARALLEL * axis.length();
+        if is_across(&away) {
             return Self::new(view.eye, away, to_light);
         }
-        let up = Self::new(view.eye, view.axes.y_axis, to_light)?;
-        Some(Self { sine: 0.0, ..up })
+        let across = [view.axes.y_axis, view.axes.x_axis]
+            .into_iter()
+            .find(is_across)?;
+        let frame = Self::new(view.eye, across, to_light)?;
+        Some(Self { sine: 0.0, ..frame })
     }
 
     /// The map over a body: from world space to clip space, NDC x and y in [−1, 1] over the
@@ -133,8 +138,8 @@ impl WarpFrame {
         [mean.z - slope.dot(mean.truncate()), slope.x, slope.y]
     }
 
-    /// That map with a guard around the body for what lookups reach beyond it, and the size of a
-    /// texel where it is largest (meters).
+    /// That map with a guard around the body for what lookups reach beyond it, no finer than
+    /// [`WarpFrame::least_texel`], and the size of a texel where it is largest (meters).
     pub fn guarded_map(
         &self,
         body: &[BodyVertex],
@@ -148,11 +153,21 @@ impl WarpFrame {
         let places = body
             .iter()
             .filter_map(|vertex| MapDerivatives::at(&bare, vertex.position));
-        let (texel, deepest) = places.fold((DVec2::ZERO, 0.0_f64), |(texel, deepest), map| {
-            let along_light = map.z.dot(self.z);
-            (texel.max(map.texel(size) / scale), deepest.max(along_light))
-        });
-        let margin = reach.texels * texel.max_element() * deepest;
+        let places: Vec<_> = places
+            .map(|map| (map.texel(size) / scale, map.z.dot(self.z)))
+            .collect();
+        let texels = || places.iter().map(|(texel, _)| *texel);
+        let finest = texels().fold(DVec2::INFINITY, DVec2::min);
+        let filled = (finest / self.least_texel()).min(DVec2::ONE);
+        let (scale, texel) = (
+            scale * filled,
+            texels().fold(DVec2::ZERO, DVec2::max) / filled,
+        );
+        // Where texels are large, depth is shallow.
+        let depths = places
+            .iter()
+            .map(|(texel, along_light)| (*texel / filled).max_element() * along_light);
+        let margin = reach.texels * depths.fold(0.0, f64::max);
         let fit = DMat4::from_scale(scale.extend((1.0 + 2.0 * margin).recip()))
             * DMat4::from_translation(DVec3::Z * margin);
         (fit * bare, texel)
