@@ -4,10 +4,15 @@
 #[path = "../examples/common/server.rs"]
 mod server;
 
-use core::hint::black_box;
+use core::{hint::black_box, time::Duration};
+use std::time::Instant;
 
 use bevy::{
-    camera::{CameraProjection, PerspectiveProjection, primitives::Aabb},
+    camera::{CameraProjection, PerspectiveProjection, Viewport, primitives::Aabb},
+    light::{
+        CascadeShadowConfigBuilder, cascade::build_directional_light_cascades,
+        check_dir_light_mesh_visibility, update_directional_light_frusta,
+    },
     math::{DAffine3, DMat3, DVec3},
     prelude::*,
 };
@@ -17,7 +22,7 @@ use bevy_pssm::{
         light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume,
     },
     plan::{CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
-    systems::plan_shadows,
+    systems::{cull_casters, find_changes, plan_shadows},
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 use server::server_app;
@@ -144,5 +149,130 @@ fn crowded_app(fit: CascadeFit) -> App {
     app
 }
 
-criterion_group!(benches, planning, gathering);
+/// What moves from frame to frame.
+#[derive(Clone, Copy, PartialEq)]
+enum Moves {
+    Nothing,
+    Camera,
+    /// One mesh of a hundred.
+    Some,
+    All,
+}
+
+/// What a frame costs the main world, beside the systems of Bevy's that the plugin's stand in for, in the
+/// same world.
+fn frames(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("frame");
+    group.sample_size(20);
+    for count in [1_000, 10_000, 100_000] {
+        let mut ours = Schedule::default();
+        ours.add_systems((find_changes, plan_shadows, cull_casters).chain());
+        let mut bevys = Schedule::default();
+        bevys.add_systems(
+            (
+                build_directional_light_cascades,
+                update_directional_light_frusta,
+                check_dir_light_mesh_visibility,
+            )
+                .chain(),
+        );
+        let shadows = ParallelSplitShadows::default();
+        let apps = [
+            ("plugin", wide_app(count, shadows), ours),
+            ("built-in", wide_app(count, ()), bevys),
+        ];
+        for (name, mut app, mut schedule) in apps {
+            for (moving, moves) in [
+                ("nothing", Moves::Nothing),
+                ("the camera", Moves::Camera),
+                ("one in a hundred", Moves::Some),
+                ("all", Moves::All),
+            ] {
+                let world = app.world_mut();
+                group.bench_function(
+                    format!("{count} meshes, {moving} moves, {name}"),
+                    |bencher| {
+                        bencher.iter_custom(|times| {
+                            let mut spent = Duration::ZERO;
+                            for _ in 0..times {
+                                advance(world, moves);
+                                let start = Instant::now();
+                                schedule.run(world);
+                                spent += start.elapsed();
+                            }
+                            spent
+                        });
+                    },
+                );
+            }
+        }
+    }
+}
+
+fn advance(world: &mut World, moves: Moves) {
+    let turn = Quat::from_rotation_y(0.01);
+    let mut cameras = world.query_filtered::<&mut GlobalTransform, With<Camera3d>>();
+    for mut at in cameras.iter_mut(world).filter(|_| moves == Moves::Camera) {
+        *at = at.mul_transform(Transform::from_rotation(turn));
+    }
+    let step = match moves {
+        Moves::All => 1,
+        Moves::Some => 100,
+        Moves::Nothing | Moves::Camera => return,
+    };
+    let mut meshes = world.query_filtered::<&mut GlobalTransform, With<Mesh3d>>();
+    for mut at in meshes.iter_mut(world).step_by(step) {
+        *at = at.mul_transform(Transform::from_rotation(turn));
+    }
+}
+
+/// Meshes over two kilometers about the camera.
+fn wide_app(count: usize, shadows: impl Bundle) -> App {
+    let mut app = server_app(AssetPlugin::default());
+    app.finish();
+    app.cleanup();
+    let world = app.world_mut();
+    let viewport = Viewport {
+        physical_size: UVec2::new(1920, 1080),
+        ..default()
+    };
+    world.spawn((
+        Camera3d::default(),
+        Camera {
+            viewport: Some(viewport),
+            ..default()
+        },
+        Transform::from_xyz(0.0, 20.0, 0.0),
+    ));
+    world.spawn((
+        DirectionalLight {
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        CascadeShadowConfigBuilder {
+            maximum_distance: 500.0,
+            ..default()
+        }
+        .build(),
+        Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.2), Vec3::Y),
+        shadows,
+    ));
+    let side = (count as f32).sqrt().ceil();
+    world.spawn_batch((0..count).map(move |i| {
+        let (row, column) = ((i as f32 / side).floor(), i as f32 % side);
+        let place = 2000.0 * Vec3::new(column / side - 0.5, 0.0, row / side - 0.5);
+        (
+            Mesh3d::default(),
+            Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5)),
+            Transform::from_translation(place),
+            Visibility::default(),
+        )
+    }));
+    for _ in 0..3 {
+        app.update();
+    }
+    app
+}
+
+criterion_group!(benches, planning, gathering, frames);
 criterion_main!(benches);

@@ -86,6 +86,14 @@ impl CasterHull {
             plane.normal.dot(bounds.center) - bounds.reach(plane.normal) > plane.distance
         })
     }
+
+    /// As [`CasterHull::intersects_box`], for a sphere: worth asking first, as most casters are far off.
+    pub fn intersects_sphere(&self, center: DVec3, radius: f64) -> bool {
+        !self
+            .planes
+            .iter()
+            .any(|plane| plane.normal.dot(center) - radius > plane.distance)
+    }
 }
 
 /// Pairs of faces with the edge that they share.

@@ -1,5 +1,7 @@
 //! What receives shadows before a camera, as boxes: where cascades are worth anything.
 
+use std::sync::{Mutex, PoisonError};
+
 use glam::{BVec4, DVec3, DVec4};
 
 use super::{
@@ -84,14 +86,19 @@ impl Extent {
 }
 
 /// The boxes of everything that a camera sees and that receives shadows.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct Receivers {
     depth: Depth,
     nearest: f64,
     boxes: Vec<Extent>,
     everywhere: bool,
     fog: bool,
+    /// What has been found in slices already: those of a camera at rest are asked for again.
+    found: Mutex<Vec<(Slice, Extent)>>,
 }
+
+/// More slices than this are not remembered: two lights' worth.
+const MOST_SLICES: usize = 16;
 
 impl Receivers {
     /// None yet.
@@ -102,6 +109,7 @@ impl Receivers {
             boxes: Vec::new(),
             everywhere: false,
             fog: false,
+            found: Mutex::default(),
         }
     }
 
@@ -139,6 +147,10 @@ impl Receivers {
         };
         if bounds.is_finite() && bounds.hi.w >= self.nearest {
             self.boxes.push(bounds);
+            self.found
+                .get_mut()
+                .unwrap_or_else(PoisonError::into_inner)
+                .clear();
         }
     }
 
@@ -158,23 +170,43 @@ impl Receivers {
         &self,
         slices: impl IntoIterator<Item = Option<&'a Slice>>,
     ) -> Vec<Extent> {
-        let mut contents: Vec<_> = slices
-            .into_iter()
-            .map(|slice| slice.map(|slice| SliceContent::new(slice, &self.depth)))
-            .collect();
-        if !self.everywhere {
-            for it in &self.boxes {
-                for content in contents.iter_mut().flatten() {
-                    content.add(it);
-                }
+        let slices: Vec<_> = slices.into_iter().collect();
+        if self.everywhere {
+            return vec![Extent::EVERYTHING; slices.len()];
+        }
+        let mut known = self.found.lock().unwrap_or_else(PoisonError::into_inner);
+        let known_in = |known: &[(Slice, Extent)], slice: &Slice| {
+            let mut found = known.iter().filter(|(of, _)| of == slice);
+            found.next().map(|(_, extent)| *extent)
+        };
+        let mut contents: Vec<(&Slice, SliceContent)> = Vec::new();
+        for slice in slices.iter().flatten() {
+            let is_new = known_in(&known, slice).is_none();
+            if is_new && contents.iter().all(|(other, _)| other != slice) {
+                contents.push((slice, SliceContent::new(slice, &self.depth)));
             }
         }
-        let found = |content: Option<SliceContent>| match content {
-            _ if self.everywhere => Extent::EVERYTHING,
-            Some(content) => content.finish(&self.depth),
-            None => Extent::NOTHING,
-        };
-        contents.into_iter().map(found).collect()
+        for it in &self.boxes {
+            for (_, content) in &mut contents {
+                content.add(it);
+            }
+        }
+        let contents = contents.into_iter();
+        let new: Vec<_> = contents
+            .map(|(slice, content)| (slice.clone(), content.finish(&self.depth)))
+            .collect();
+        let found = slices.into_iter().map(|slice| {
+            let slice = slice?;
+            known_in(&known, slice).or_else(|| known_in(&new, slice))
+        });
+        let found = found
+            .map(|found| found.unwrap_or(Extent::NOTHING))
+            .collect();
+        if known.len() + new.len() > MOST_SLICES {
+            known.clear();
+        }
+        known.extend(new);
+        found
     }
 }
 

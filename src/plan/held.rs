@@ -147,6 +147,15 @@ fn spare(inputs: &PlanInputs, volume: &CascadeVolume, map_box: &MapBox) -> DVec3
     map_box.spare(&volume.body.corners, inputs.light, inputs.reach)
 }
 
+/// How far what is needed may move while a map is held, as a share of its radius.
+const MOST_SPARE: f64 = 0.15;
+
+fn radius(volume: &CascadeVolume) -> f64 {
+    let center = volume.body.center();
+    let corners = volume.body.corners.iter();
+    corners.fold(0.0, |radius, corner| center.distance(*corner).max(radius))
+}
+
 /// A map that is drawn anew, ahead of what moves as far as it has texels to spare, and how far what is
 /// needed may then move (meters).
 fn ahead(
@@ -154,12 +163,15 @@ fn ahead(
     volume: &CascadeVolume,
     wanted: PlacedMap,
     redraw: Redraw,
-    held: Option<&HeldMap>,
+    held: Option<HeldMap>,
 ) -> (PlacedMap, f64) {
     let Some(map_box) = wanted.map_box else {
         return (wanted, 0.0);
     };
-    let spare = spare(inputs, volume, &map_box).truncate().max(DVec2::ZERO);
+    // What is much smaller than its map is not to draw the casters of all of that.
+    let most = MOST_SPARE * radius(volume);
+    let spare = spare(inputs, volume, &map_box).truncate();
+    let spare = spare.clamp(DVec2::ZERO, DVec2::splat(most));
     match (redraw, held) {
         // What its casters have drawn anew each frame need hold none for the frames to come.
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, 0.0),
@@ -168,9 +180,8 @@ fn ahead(
             let moved = center.truncate() - held.center;
             let share = moved / moved.abs().max_element().max(f64::MIN_POSITIVE);
             let map_box = map_box.moved(share * spare);
-            let spare = (1.0 + share.abs()) * spare;
             let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-            (placed, spare.max_element())
+            (placed, 2.0 * spare.max_element())
         }
         _ => (wanted, spare.max_element()),
     }
@@ -184,38 +195,34 @@ pub(super) fn hold(
     size: UVec2,
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
+    let margin = wanted.margin(inputs);
     let redraw = held.as_mut().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
-    match (redraw, held.as_mut()) {
-        (None, Some(held)) => {
-            held.has_lasted = true;
-            let is_wanted = inputs.config.comparison.updates == MapUpdates::EveryFrame;
-            Some(CascadeMap {
-                aliasing: held.placed.aliasing(inputs, volume),
-                redraw: is_wanted.then_some(Redraw::EveryFrame),
-                ..held.map.clone()
-            })
-        }
-        _ => {
-            let redraw = redraw.unwrap_or(Redraw::New);
-            let (wanted, spare) = ahead(inputs, volume, wanted, redraw, held.as_ref());
-            let center = inputs
-                .light
-                .light_from_world(volume.body.center())
-                .truncate();
-            *held = None;
-            let map = wanted.finish(inputs, volume, spare, redraw)?;
-            *held = Some(HeldMap {
-                placed: wanted,
-                size,
-                light: *inputs.light,
-                center,
-                map: map.clone(),
-                stale: StaleBoxes::default(),
-                has_lasted: false,
-            });
-            Some(map)
-        }
+    if let Some(redraw) = redraw {
+        let (placed, spare) = ahead(inputs, volume, wanted, redraw, held.take());
+        let center = inputs.light.light_from_world(volume.body.center());
+        *held = Some(HeldMap {
+            map: placed.finish(inputs, volume, spare, redraw)?,
+            placed,
+            size,
+            light: *inputs.light,
+            center: center.truncate(),
+            stale: StaleBoxes::default(),
+            has_lasted: false,
+        });
     }
+    let held = held.as_mut()?;
+    held.has_lasted = redraw.is_none();
+    let mut map = CascadeMap {
+        aliasing: held.placed.aliasing(inputs, volume),
+        redraw,
+        ..held.map.clone()
+    };
+    if inputs.config.comparison.updates == MapUpdates::EveryFrame {
+        map.redraw = redraw.or(Some(Redraw::EveryFrame));
+        // It need not last.
+        map.hull = CasterHull::new(&volume.body, inputs.light.z, margin);
+    }
+    Some(map)
 }

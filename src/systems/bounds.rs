@@ -12,7 +12,7 @@ use bevy::{
         resource::Resource,
         system::Res,
     },
-    math::{Affine3A, DMat3},
+    math::{Affine3A, DMat3, DVec3},
     mesh::Mesh3d,
     platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
@@ -81,6 +81,34 @@ impl Margin {
             _ => Self::None,
         }
     }
+}
+
+/// The center and the radius of a sphere around what [`world_bounds`] gives (meters).
+pub(super) fn bounding_sphere(
+    aabb: &Aabb,
+    world_from_local: &Affine3A,
+    margin: Margin,
+) -> (DVec3, f64) {
+    let matrix = &world_from_local.matrix3;
+    let half = aabb.half_extents;
+    let [x, y, z] = [
+        matrix.x_axis * half.x,
+        matrix.y_axis * half.y,
+        matrix.z_axis * half.z,
+    ];
+    // Boxes along the world's axes, with margins around them, are longer than their content.
+    let longest = x.length_squared() + y.length_squared() + z.length_squared();
+    let diagonal = 1.001 * f64::from(longest).sqrt();
+    let radius = match margin {
+        Margin::None => diagonal,
+        Margin::Meters(meters) => 2.0 * (diagonal + meters),
+        Margin::OwnSize => 4.0 * diagonal,
+    };
+    let center = aabb.center.as_dvec3();
+    let center = matrix.x_axis.as_dvec3() * center.x
+        + matrix.y_axis.as_dvec3() * center.y
+        + matrix.z_axis.as_dvec3() * center.z;
+    (center + world_from_local.translation.as_dvec3(), radius)
 }
 
 /// A local box in world space, with a margin around it.

@@ -1,11 +1,11 @@
-//! Which casters have changed since the last frame: maps that hold none of them stay as they are.
+//! Which meshes have changed since the last frame: maps that hold none of them stay as they are.
 
 use bevy::{
     camera::{
         Camera3d,
         primitives::Aabb,
         visibility::{
-            InheritedVisibility, NoFrustumCulling, RenderLayers, VisibilityRange,
+            InheritedVisibility, NoAutoAabb, NoFrustumCulling, RenderLayers, VisibilityRange,
             VisibleEntityRanges,
         },
     },
@@ -20,7 +20,7 @@ use bevy::{
         resource::Resource,
         system::{Commands, Local, ParamSet, Query, Res, ResMut, SystemParam},
     },
-    light::NotShadowCaster,
+    light::{NotShadowCaster, NotShadowReceiver},
     math::Affine3A,
     mesh::{
         Mesh3d,
@@ -52,10 +52,19 @@ pub enum ShadowUpdates {
 
 /// What a mesh's shadow depends on, as of the last frame.
 #[derive(Component, Debug, Default, Clone, PartialEq)]
-pub struct CasterRecord(Option<CasterState>);
+pub enum CasterRecord {
+    /// It is not there, or hidden.
+    #[default]
+    Nothing,
+    /// Too much has changed at once to note it all.
+    Unknown,
+    Known(CasterState),
+}
 
 #[derive(Debug, Clone, PartialEq)]
-struct CasterState {
+pub struct CasterState {
+    casts: bool,
+    receives: bool,
     transform: Affine3A,
     /// `None` if it is not culled.
     bounds: Option<(Aabb, Margin)>,
@@ -64,28 +73,41 @@ struct CasterState {
     ranges: u32,
 }
 
-/// Where casters have changed since the last frame.
+/// Where meshes have changed since the last frame.
 #[derive(Resource, Debug, Default)]
 pub struct ChangedCasters {
     changes: CasterChanges,
+    /// Whether anything has changed of what meshes receive shadows with.
+    have_receivers_changed: bool,
     /// What has gone since then.
-    removed: Vec<CasterState>,
+    removed: Vec<CasterRecord>,
 }
 
 impl ChangedCasters {
     pub fn get(&self) -> &CasterChanges {
         &self.changes
     }
+
+    /// Whether any mesh may receive shadows in another place than in the last frame.
+    pub fn have_receivers_changed(&self) -> bool {
+        self.have_receivers_changed
+    }
 }
 
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
-impl CasterState {
-    /// Where it is; `None` for anywhere.
-    fn bounds(&self) -> Option<OrientedBox> {
-        let (aabb, margin) = self.bounds.as_ref()?;
-        Some(world_bounds(aabb, &self.transform, *margin))
+impl CasterRecord {
+    /// Where it casts from, if it does; `Some(None)` for anywhere.
+    fn caster(&self) -> Option<Option<OrientedBox>> {
+        match self {
+            Self::Nothing => None,
+            Self::Unknown => Some(None),
+            Self::Known(state) => state.casts.then(|| {
+                let (aabb, margin) = state.bounds.as_ref()?;
+                Some(world_bounds(aabb, &state.transform, *margin))
+            }),
+        }
     }
 }
 
@@ -104,6 +126,7 @@ pub struct ChangingCaster {
     morph: Option<Ref<'static, MeshMorphWeights>>,
     is_unculled: Has<NoFrustumCulling>,
     casts_none: Has<NotShadowCaster>,
+    receives_none: Has<NotShadowReceiver>,
     has_range: Has<VisibilityRange>,
 }
 
@@ -119,6 +142,8 @@ type MayHaveChanged = (
         Changed<RenderLayers>,
         Added<NoFrustumCulling>,
         Added<NotShadowCaster>,
+        Added<NotShadowReceiver>,
+        Added<NoAutoAabb>,
         With<ShadowUpdates>,
         With<VisibilityRange>,
         With<SkinnedMesh>,
@@ -128,7 +153,7 @@ type MayHaveChanged = (
 
 /// What casters depend on beside their own components.
 #[derive(SystemParam)]
-pub(super) struct Surroundings<'w, 's> {
+pub struct Surroundings<'w, 's> {
     displaced: Res<'w, DisplacedMeshes>,
     ranges: Option<Res<'w, VisibleEntityRanges>>,
     cameras: Query<'w, 's, Entity, With<Camera3d>>,
@@ -163,43 +188,69 @@ impl Surroundings<'_, '_> {
     }
 }
 
-/// Compares a caster with what it was, and notes where it is and was if that differs.
-fn note_change(
-    it: &mut ChangingCasterItem,
-    surroundings: &Surroundings,
-    displaced: &EntityHashSet,
-    found: &mut Vec<Option<OrientedBox>>,
-) {
-    let margin = Margin::of(it.entity, it.margin, displaced);
-    let bounds = it.aabb.map(|aabb| (*aabb, margin));
-    let state = (it.inherited.get() && !it.casts_none).then(|| CasterState {
-        transform: it.transform.affine(),
-        bounds: bounds.filter(|_| !it.is_unculled),
-        layers: it.layers.cloned().unwrap_or_default(),
-        ranges: surroundings.ranges(it),
-    });
-    let updates = it.updates.copied().unwrap_or_default();
-    let is_restless = match updates {
-        ShadowUpdates::Automatic => {
-            displaced.contains(&it.entity) || surroundings.has_moved_inside(it)
-        }
-        ShadowUpdates::Always => true,
-        ShadowUpdates::Never => false,
-    };
-    let record = &mut it.record.bypass_change_detection().0;
-    let is_same = *record == state;
-    if is_restless || !is_same && updates != ShadowUpdates::Never {
-        let now = state.as_ref().map(CasterState::bounds);
-        let before = record.as_ref().filter(|_| !is_same);
-        found.extend(now.into_iter().chain(before.map(CasterState::bounds)));
-    }
-    *record = state;
+/// What has been found of a thread's share of meshes.
+#[derive(Default)]
+pub struct Found {
+    /// Where casters were and are; `None` for anywhere.
+    casters: Vec<Option<OrientedBox>>,
+    has_receiver: bool,
 }
 
-/// Finds the casters that have changed since the last frame.
-pub(super) fn find_changes(
+impl Found {
+    /// Compares a mesh with what it was.
+    fn compare(
+        &mut self,
+        it: &mut ChangingCasterItem,
+        surroundings: &Surroundings,
+        displaced: &EntityHashSet,
+    ) {
+        if self.casters.len() > MOST {
+            self.has_receiver = true;
+            *it.record.bypass_change_detection() = CasterRecord::Unknown;
+            return;
+        }
+        let margin = Margin::of(it.entity, it.margin, displaced);
+        let bounds = it.aabb.map(|aabb| (*aabb, margin));
+        let state = CasterState {
+            casts: !it.casts_none,
+            receives: !it.receives_none,
+            transform: it.transform.affine(),
+            bounds: bounds.filter(|_| !it.is_unculled),
+            layers: it.layers.cloned().unwrap_or_default(),
+            ranges: surroundings.ranges(it),
+        };
+        let state = if it.inherited.get() {
+            CasterRecord::Known(state)
+        } else {
+            CasterRecord::Nothing
+        };
+        let updates = it.updates.copied().unwrap_or_default();
+        let is_restless = match updates {
+            ShadowUpdates::Automatic => {
+                displaced.contains(&it.entity) || surroundings.has_moved_inside(it)
+            }
+            ShadowUpdates::Always => true,
+            ShadowUpdates::Never => false,
+        };
+        let record = it.record.bypass_change_detection();
+        let is_same = *record == state;
+        self.has_receiver |= !is_same;
+        if is_restless || !is_same && updates != ShadowUpdates::Never {
+            self.casters.extend(state.caster());
+            if !is_same {
+                self.casters.extend(record.caster());
+            }
+        }
+        if !is_same {
+            *record = state;
+        }
+    }
+}
+
+/// Finds the meshes that have changed since the last frame.
+pub fn find_changes(
     mut commands: Commands,
-    mut casters: ParamSet<(
+    mut meshes: ParamSet<(
         Query<ChangingCaster, MayHaveChanged>,
         Query<ChangingCaster, With<Mesh3d>>,
     )>,
@@ -207,42 +258,53 @@ pub(super) fn find_changes(
     unknown: Query<Entity, (With<Mesh3d>, Without<CasterRecord>)>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
-    mut local: Local<Parallel<Vec<Option<OrientedBox>>>>,
+    mut local: Local<Parallel<Found>>,
 ) {
     let displaced = surroundings.displaced.get();
-    let removed = changed.removed.drain(..);
-    let mut found: Vec<Option<OrientedBox>> = removed.map(|state| state.bounds()).collect();
-    casters.p0().par_iter_mut().for_each_init(
+    meshes.p0().par_iter_mut().for_each_init(
         || local.borrow_local_mut(),
-        |found, mut it| note_change(&mut it, &surroundings, &displaced, found),
+        |found, mut it| found.compare(&mut it, &surroundings, &displaced),
     );
-    local.drain_into(&mut found);
+    let mut found = Found {
+        has_receiver: !changed.removed.is_empty(),
+        casters: Vec::new(),
+    };
+    let removed = changed.removed.drain(..);
+    found
+        .casters
+        .extend(removed.filter_map(|record| record.caster()));
+    for of_thread in local.iter_mut() {
+        found.casters.append(&mut of_thread.casters);
+        found.has_receiver |= core::mem::take(&mut of_thread.has_receiver);
+    }
     let entities = lost.read().chain(displaced.iter().copied());
-    let mut all = casters.p1();
+    let mut all = meshes.p1();
     for entity in entities {
         if let Ok(mut it) = all.get_mut(entity) {
-            note_change(&mut it, &surroundings, &displaced, &mut found);
+            found.compare(&mut it, &surroundings, &displaced);
         }
     }
     // Spawned before the plugin was there.
     for entity in &unknown {
-        found.push(None);
+        found.casters.push(None);
         commands.entity(entity).insert(CasterRecord::default());
     }
-    let bounds = (found.len() <= MOST).then(|| found.into_iter().collect());
-    changed.changes = bounds
-        .flatten()
-        .map_or(CasterChanges::Anywhere, CasterChanges::At);
+    changed.have_receivers_changed = found.has_receiver;
+    let bounds = (found.casters.len() <= MOST).then(|| found.casters.into_iter().collect());
+    let bounds: Option<Vec<_>> = bounds.flatten();
+    changed.changes = bounds.map_or(CasterChanges::Anywhere, CasterChanges::At);
 }
 
 /// Components whose loss changes a shadow.
 #[derive(SystemParam)]
-pub(super) struct LostComponents<'w, 's> {
+pub struct LostComponents<'w, 's> {
     bounds: RemovedComponents<'w, 's, Aabb>,
     margins: RemovedComponents<'w, 's, BoundsMargin>,
     layers: RemovedComponents<'w, 's, RenderLayers>,
     unculled: RemovedComponents<'w, 's, NoFrustumCulling>,
     no_casters: RemovedComponents<'w, 's, NotShadowCaster>,
+    no_receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    own_bounds: RemovedComponents<'w, 's, NoAutoAabb>,
     ranges: RemovedComponents<'w, 's, VisibilityRange>,
 }
 
@@ -254,10 +316,13 @@ impl LostComponents<'_, '_> {
             layers,
             unculled,
             no_casters,
+            no_receivers,
+            own_bounds,
             ranges,
         } = self;
         let lists = bounds.read().chain(margins.read()).chain(layers.read());
         let lists = lists.chain(unculled.read()).chain(no_casters.read());
+        let lists = lists.chain(no_receivers.read()).chain(own_bounds.read());
         lists.chain(ranges.read())
     }
 }
@@ -269,6 +334,6 @@ pub(super) fn note_removed(
     mut changed: ResMut<ChangedCasters>,
 ) {
     if let Ok(mut record) = casters.get_mut(removed.entity) {
-        changed.removed.extend(record.0.take());
+        changed.removed.push(core::mem::take(&mut *record));
     }
 }

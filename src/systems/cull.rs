@@ -13,7 +13,7 @@ use bevy::{
         component::Component,
         entity::{Entity, EntityHashMap},
         query::{Has, QueryData, With, Without},
-        system::{Local, Query, Res},
+        system::{Local, ParamSet, Query, Res},
     },
     light::{Cascades, DirectionalLight, NotShadowCaster, SpotLight},
     mesh::Mesh3d,
@@ -24,28 +24,27 @@ use bevy::{
 
 use super::{
     ManagedLight, ShadowPlans,
-    bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
+    bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, world_bounds},
     publish::{empty_cascade, published_cascade},
 };
 use crate::{
     config::{CasterCulling, MAX_CASCADES},
-    geometry::oriented_box::OrientedBox,
-    plan::CascadePlan,
+    plan::{CascadeMap, CascadePlan},
 };
 
 /// The cascades that a caster is drawn into.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct CascadeSet(u8);
 
 impl CascadeSet {
     /// Whether a cascade is one of them.
     pub fn contains(self, cascade: usize) -> bool {
-        self.iter().any(|it| it == cascade)
+        cascade < MAX_CASCADES && self.0 & (1 << cascade) != 0
     }
 
     /// Their indices, in order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
-        (0..MAX_CASCADES).filter(move |index| self.0 & (1 << index) != 0)
+        (0..MAX_CASCADES).filter(move |index| self.contains(*index))
     }
 
     fn of(cascades: impl Iterator<Item = usize>) -> Self {
@@ -123,7 +122,10 @@ pub struct CulledLight {
 /// components. Runs in [`PssmSystems::CullCasters`](super::PssmSystems::CullCasters).
 pub fn cull_casters(
     mut lights: Query<CulledLight, Without<SpotLight>>,
-    mut casters: Query<Caster, IsCaster>,
+    mut casters: ParamSet<(
+        Query<Caster, IsCaster>,
+        Query<&mut ViewVisibility, IsCaster>,
+    )>,
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
     mut found: Local<Parallel<Vec<(Entity, CascadeSet)>>>,
@@ -163,23 +165,30 @@ pub fn cull_casters(
             let lists = it.lists.entities.get(view).map(Vec::len);
             let is_known = it.casters.views.contains_key(view) && lists == Some(count);
             let known = it.casters.views.entry(*view).or_default();
-            let held = CascadeSet::of(held(plan).filter(|_| is_known));
+            let mapped = maps_where(plan, |_| true);
+            let held = if is_known {
+                maps_where(plan, |map| map.redraw.is_none())
+            } else {
+                CascadeSet::default()
+            };
             known.retain_mut(|(_, cascades)| {
                 *cascades = cascades.and(held);
                 !cascades.is_empty()
             });
-            let mut still_visible = casters.iter_many_mut(known.iter().map(|(caster, _)| caster));
-            while let Some(caster) = still_visible.fetch_next() {
-                if let Ok(mut caster) = caster {
-                    caster.visibility.set_visible();
+            let mut visibilities = casters.p1();
+            let held_casters = known.iter().map(|(caster, _)| caster);
+            let mut still_visible = visibilities.iter_many_mut(held_casters);
+            while let Some(visibility) = still_visible.fetch_next() {
+                if let Ok(mut visibility) = visibility {
+                    visibility.set_visible();
                 }
             }
-            let culled = CascadeSet::of(0..count).without(held);
-            if culled.is_empty() {
+            let culled = mapped.without(held);
+            if culled.is_empty() && is_known {
                 continue;
             }
 
-            casters.par_iter_mut().for_each_init(
+            casters.p0().par_iter_mut().for_each_init(
                 || found.borrow_local_mut(),
                 |found, mut caster| {
                     let light_layers = it.layers.unwrap_or_default();
@@ -192,14 +201,23 @@ pub fn cull_casters(
                         return;
                     }
                     let is_culled = config.comparison.culling == CasterCulling::Hull;
-                    let bounds = match (caster.aabb, caster.transform) {
+                    let cascades = match (caster.aabb, caster.transform) {
                         (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
                             let margin = Margin::of(caster.entity, caster.margin, &displaced);
-                            Some(world_bounds(aabb, &transform.affine(), margin))
+                            let affine = transform.affine();
+                            let (center, radius) = bounding_sphere(aabb, &affine, margin);
+                            let is_near =
+                                |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
+                            let near = culled.and(maps_where(plan, is_near));
+                            if near.is_empty() {
+                                return;
+                            }
+                            let bounds = world_bounds(aabb, &affine, margin);
+                            near.and(maps_where(plan, |map| map.hull.intersects_box(&bounds)))
                         }
-                        _ => None,
+                        // Without bounds it matters to all.
+                        _ => culled,
                     };
-                    let cascades = cascades_of(plan, bounds.as_ref()).and(culled);
                     if !cascades.is_empty() {
                         caster.visibility.set_visible();
                         found.push((caster.entity, cascades));
@@ -219,7 +237,7 @@ pub fn cull_casters(
 
             let view_lists = it.lists.entities.entry(*view).or_default();
             view_lists.resize_with(count, VisibleMeshEntities::default);
-            for index in culled.iter() {
+            for index in (0..count).filter(|index| !held.contains(*index)) {
                 let list = &mut view_lists[index];
                 let inside = known
                     .iter()
@@ -232,22 +250,9 @@ pub fn cull_casters(
     }
 }
 
-/// The cascades whose maps stay as they are in this frame.
-fn held(plan: &[CascadePlan]) -> impl Iterator<Item = usize> {
-    let is_held = |cascade: &CascadePlan| {
-        let map = cascade.map.as_ref();
-        map.is_some_and(|map| map.redraw.is_none())
-    };
-    plan.iter()
-        .enumerate()
-        .filter(move |(_, it)| is_held(it))
-        .map(|(index, _)| index)
-}
-
-/// The cascades that a caster matters to. Without bounds it matters to all that have a map.
-fn cascades_of(plan: &[CascadePlan], bounds: Option<&OrientedBox>) -> CascadeSet {
+/// The cascades that have a map of which something is true.
+fn maps_where(plan: &[CascadePlan], is: impl Fn(&CascadeMap) -> bool) -> CascadeSet {
     let maps = plan.iter().enumerate();
-    let maps = maps.filter_map(|(index, cascade)| Some((index, cascade.map.as_ref()?)));
-    let met = maps.filter(|(_, map)| bounds.is_none_or(|bounds| map.hull.intersects_box(bounds)));
-    CascadeSet::of(met.map(|(index, _)| index))
+    let maps = maps.filter(|(_, cascade)| cascade.map.as_ref().is_some_and(&is));
+    CascadeSet::of(maps.map(|(index, _)| index))
 }

@@ -30,6 +30,8 @@ pub struct MeshBoxes {
     changing: HashMap<AssetId<Mesh>, u32>,
     /// Triangles of larger meshes that have been worked through in this frame.
     spent: usize,
+    /// Whether a mesh that was asked for will have parts later.
+    is_working: bool,
 }
 
 #[derive(Debug)]
@@ -60,6 +62,7 @@ impl MeshBoxes {
     /// vertices, as something else then moves them, or until the parts are worked out.
     pub fn of(&mut self, id: AssetId<Mesh>, aabb: &Aabb, assets: &Assets<Mesh>) -> &[Aabb] {
         if self.changing.contains_key(&id) {
+            self.is_working = true;
             return &[];
         }
         let known = self.known.entry(id).or_default();
@@ -67,10 +70,23 @@ impl MeshBoxes {
             let mesh = assets.get(id).and_then(PartedMesh::new);
             known.work(mesh.as_ref(), &mut self.spent);
         }
+        self.is_working |= matches!(known, Known::Working { .. });
         match known {
             Known::Done(Some((whole, parts))) if is_same(whole, aabb) => parts,
             _ => &[],
         }
+    }
+}
+
+impl MeshBoxes {
+    /// Whether no mesh has changed lately.
+    pub fn are_settled(&self) -> bool {
+        self.changing.is_empty()
+    }
+
+    /// Whether all that was asked for since the last call is known.
+    pub fn take_is_settled(&mut self) -> bool {
+        !core::mem::take(&mut self.is_working)
     }
 }
 
@@ -171,6 +187,7 @@ pub fn forget_changed(mut events: MessageReader<AssetEvent<Mesh>>, mut boxes: Re
         known,
         changing,
         spent,
+        ..
     } = &mut *boxes;
     *spent = 0;
     changing.retain(|_, frames| {

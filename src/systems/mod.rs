@@ -11,7 +11,7 @@ mod plan;
 mod publish;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
-pub use changes::{ChangedCasters, ShadowUpdates};
+pub use changes::{ChangedCasters, ShadowUpdates, find_changes};
 pub use cull::{CascadeSet, CasterCascades, cull_casters};
 pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
@@ -109,7 +109,7 @@ pub(crate) fn build(app: &mut App) {
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
             bounds::forget_removed.before(PssmSystems::PlanCascades),
             (
-                changes::find_changes.run_if(any_with_component::<ManagedLight>),
+                find_changes.run_if(any_with_component::<ManagedLight>),
                 plan_shadows,
                 diagnostics::count_maps,
             )

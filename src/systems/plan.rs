@@ -112,15 +112,23 @@ enum View {
     Unlit,
     /// Its transform or projection is degenerate.
     Degenerate,
-    Seen(Box<Seen>),
+    Seen(Seen),
 }
 
 /// What a camera sees.
 struct Seen {
     volume: ViewVolume,
-    receivers: Receivers,
     has_fog: bool,
     image_height: f64,
+}
+
+/// The receivers before a camera, and what they were gathered from.
+pub struct Gathered {
+    volume: ViewVolume,
+    visible: Vec<Entity>,
+    receivers: Receivers,
+    /// No more of them will be known in the next frame.
+    is_settled: bool,
 }
 
 /// Whether a light casts shadows on anything.
@@ -144,6 +152,7 @@ pub fn plan_shadows(
     displaced: Res<DisplacedMeshes>,
     origin: Res<ShadowGridOrigin>,
     changed: Res<ChangedCasters>,
+    mut gathered: Local<EntityHashMap<Gathered>>,
     mut warned: Local<EntityHashSet>,
 ) {
     let displaced = displaced.get();
@@ -167,31 +176,42 @@ pub fn plan_shadows(
                 None => View::Degenerate,
                 Some(volume) => {
                     let height = it.camera.physical_viewport_size().map_or(1, |size| size.y);
-                    let receivers = if foci.contains(&ShadowFocus::Receivers) {
-                        let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
-                        let visible = visible.chain(&unculled);
-                        receivers(
-                            &volume,
-                            &meshes,
+                    let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
+                    let is_focused = foci.contains(&ShadowFocus::Receivers);
+                    let visible: Vec<Entity> =
+                        visible.chain(&unculled).filter(|_| is_focused).collect();
+                    let is_same = gathered.get(&it.entity).is_some_and(|last| {
+                        let is_known = last.is_settled && parts.are_settled();
+                        is_known && last.volume == volume && last.visible == visible
+                    });
+                    if !is_same || changed.have_receivers_changed() {
+                        let receivers = if is_focused {
+                            let visible = visible.iter().copied();
+                            let assets = assets.as_deref();
+                            receivers(&volume, &meshes, visible, assets, &mut parts, &displaced)
+                        } else {
+                            Receivers::everywhere(&volume)
+                        };
+                        let gathered_now = Gathered {
+                            volume,
                             visible,
-                            assets.as_deref(),
-                            &mut parts,
-                            &displaced,
-                        )
-                    } else {
-                        Receivers::everywhere(&volume)
-                    };
-                    View::Seen(Box::new(Seen {
+                            receivers,
+                            is_settled: parts.take_is_settled(),
+                        };
+                        gathered.insert(it.entity, gathered_now);
+                    }
+                    View::Seen(Seen {
                         volume,
-                        receivers,
                         has_fog: it.has_fog,
                         image_height: f64::from(height.max(1)),
-                    }))
+                    })
                 }
             };
             (it.entity, layers, view)
         })
         .collect();
+
+    gathered.retain(|view, _| views.iter().any(|(active, ..)| active == view));
 
     for mut it in &mut lights {
         let Some(config) = it.managed.config() else {
@@ -228,8 +248,8 @@ pub fn plan_shadows(
         for (view, of_camera, seen) in &views {
             let meets = shines && layers.intersects(of_camera);
             is_degenerate |= meets && matches!(seen, View::Degenerate);
-            let plan = match (seen, &frame) {
-                (View::Seen(seen), Some(frame)) if meets => {
+            let plan = match (seen, &frame, gathered.get(view)) {
+                (View::Seen(seen), Some(frame), Some(known)) if meets => {
                     let fog = Receivers::fog(&seen.volume);
                     let is_foggy = it.is_volumetric && seen.has_fog;
                     let inputs = PlanInputs {
@@ -237,7 +257,7 @@ pub fn plan_shadows(
                         light: frame,
                         config,
                         reach: lookup_reach(config, it.light),
-                        receivers: if is_foggy { &fog } else { &seen.receivers },
+                        receivers: if is_foggy { &fog } else { &known.receivers },
                         image_height: seen.image_height,
                         changes,
                     };
