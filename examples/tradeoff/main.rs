@@ -287,6 +287,8 @@ fn follow(
                 changed_pct_per_second: rounded(found.changed_pct),
                 grid_changes: found.grid_changes,
                 wrong_pct: rounded(found.wrong_pct),
+                maps_drawn_pct: rounded(found.drawn.maps),
+                triangles_drawn_pct: rounded(found.drawn.triangles),
             });
         }
     }

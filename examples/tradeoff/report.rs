@@ -184,7 +184,8 @@ fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
     text.push_str(
         "Along paths of ten seconds: points whose answer changes though their truth does not, in \
          percent per second · frames, of 600, in which texels do not stay where they were · wrong \
-         pixels (percent).\n\n| setting |",
+         pixels (percent) · triangles drawn where maps are held while they serve, in percent of drawing all in \
+         each frame.\n\n| setting |",
     );
     for (name, _) in CameraPath::ALL {
         write!(text, " {name} |")?;
@@ -197,11 +198,12 @@ fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
                 changed_pct_per_second,
                 grid_changes,
                 wrong_pct,
+                triangles_drawn_pct,
                 ..
             } = row;
             write!(
                 text,
-                " {changed_pct_per_second:.3} · {grid_changes} · {wrong_pct:.2} |"
+                " {changed_pct_per_second:.3} · {grid_changes} · {wrong_pct:.2} · {triangles_drawn_pct:.1} |"
             )?;
         }
         text.push('\n');

@@ -68,6 +68,14 @@ impl CasterHull {
         Self { planes }
     }
 
+    /// The hull of the body on its way along a vector (meters): conservative, as it keeps the planes.
+    pub fn extended(mut self, along: DVec3) -> Self {
+        for plane in &mut self.planes {
+            plane.distance += plane.normal.dot(along).max(0.0);
+        }
+        self
+    }
+
     /// Whether all of a body, grown by `margin` meters, lies within.
     pub fn contains(&self, body: &ConvexBody, margin: f64) -> bool {
         let farthest = |plane: &HalfSpace| {

@@ -41,8 +41,8 @@ pub(super) struct HeldMap {
     placed: PlacedMap,
     size: UVec2,
     light: LightFrame,
-    /// Of what was to be covered, in the light's frame (meters).
-    center: DVec2,
+    /// Of what was to be covered, in world space.
+    center: DVec3,
     map: CascadeMap,
     /// Where casters have changed since, out of the reach of what has been seen until now.
     stale: StaleBoxes,
@@ -147,7 +147,17 @@ fn spare(inputs: &PlanInputs, volume: &CascadeVolume, map_box: &MapBox) -> DVec3
     map_box.spare(&volume.body.corners, inputs.light, inputs.reach)
 }
 
-/// How far what is needed may move while a map is held, as a share of its radius.
+/// How far what is needed may move while a map is held (meters).
+#[derive(Debug, Default, Clone, Copy)]
+pub(super) struct Spare {
+    /// In any direction.
+    pub around: f64,
+    /// In one.
+    pub along: DVec3,
+}
+
+/// What may move at all, as a share of its radius: what is much smaller than its map is not to draw the casters
+/// of all of that.
 const MOST_SPARE: f64 = 0.15;
 
 fn radius(volume: &CascadeVolume) -> f64 {
@@ -157,33 +167,39 @@ fn radius(volume: &CascadeVolume) -> f64 {
 }
 
 /// A map that is drawn anew, ahead of what moves as far as it has texels to spare, and how far what is
-/// needed may then move (meters).
+/// needed may then move.
 fn ahead(
     inputs: &PlanInputs,
     volume: &CascadeVolume,
     wanted: PlacedMap,
     redraw: Redraw,
     held: Option<HeldMap>,
-) -> (PlacedMap, f64) {
+) -> (PlacedMap, Spare) {
     let Some(map_box) = wanted.map_box else {
-        return (wanted, 0.0);
+        return (wanted, Spare::default());
     };
-    // What is much smaller than its map is not to draw the casters of all of that.
     let most = MOST_SPARE * radius(volume);
     let spare = spare(inputs, volume, &map_box).truncate();
     let spare = spare.clamp(DVec2::ZERO, DVec2::splat(most));
+    let around = spare.max_element();
     match (redraw, held) {
         // What its casters have drawn anew each frame need hold none for the frames to come.
-        (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, 0.0),
+        (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
         (Redraw::Moved, Some(held)) => {
-            let center = inputs.light.light_from_world(volume.body.center());
-            let moved = center.truncate() - held.center;
-            let share = moved / moved.abs().max_element().max(f64::MIN_POSITIVE);
+            let moved = volume.body.center() - held.center;
+            let across = inputs.light.world_from_light().transpose() * moved;
+            let share =
+                across.truncate() / across.truncate().abs().max_element().max(f64::MIN_POSITIVE);
             let map_box = map_box.moved(share * spare);
             let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-            (placed, 2.0 * spare.max_element())
+            // The far end of a view that turns moves about twice as far as its middle.
+            let along = 4.0 * around * moved.normalize_or_zero();
+            (placed, Spare { around, along })
         }
-        _ => (wanted, spare.max_element()),
+        _ => {
+            let along = DVec3::ZERO;
+            (wanted, Spare { around, along })
+        }
     }
 }
 
@@ -201,13 +217,12 @@ pub(super) fn hold(
     });
     if let Some(redraw) = redraw {
         let (placed, spare) = ahead(inputs, volume, wanted, redraw, held.take());
-        let center = inputs.light.light_from_world(volume.body.center());
         *held = Some(HeldMap {
             map: placed.finish(inputs, volume, spare, redraw)?,
             placed,
             size,
             light: *inputs.light,
-            center: center.truncate(),
+            center: volume.body.center(),
             stale: StaleBoxes::default(),
             has_lasted: false,
         });

@@ -4,6 +4,7 @@ use glam::{DMat4, DVec2, DVec3, UVec2};
 
 use super::{
     CascadeMap, PlanInputs, Redraw,
+    held::Spare,
     layout::is_focused,
     volume::CascadeVolume,
     warp::{warp_direction, warp_frame},
@@ -127,12 +128,12 @@ impl PlacedMap {
     }
 
     /// What the renderer and the culling need of a map that is drawn now, and is to hold casters that
-    /// matter so far beyond the volume (meters). `None` if it has no extent.
+    /// matter so far beyond the volume. `None` if it has no extent.
     pub fn finish(
         &self,
         inputs: &PlanInputs,
         volume: &CascadeVolume,
-        spare: f64,
+        spare: Spare,
         redraw: Redraw,
     ) -> Option<CascadeMap> {
         // Mirrored, triangles turn their backs on the rasterizer.
@@ -146,7 +147,7 @@ impl PlacedMap {
         if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
             return None;
         }
-        let margin = self.margin(inputs) + spare;
+        let margin = self.margin(inputs) + spare.around;
         Some(CascadeMap {
             clip_from_world,
             clip_from_cascade: clip_from_world * world_from_cascade,
@@ -154,7 +155,7 @@ impl PlacedMap {
             texel: self.texel,
             fit: self.fit,
             strength: self.strength,
-            hull: CasterHull::new(&volume.body, inputs.light.z, margin),
+            hull: CasterHull::new(&volume.body, inputs.light.z, margin).extended(spare.along),
             aliasing: self.aliasing(inputs, volume),
             redraw: Some(redraw),
         })

@@ -65,6 +65,7 @@ pub enum CasterRecord {
 pub struct CasterState {
     casts: bool,
     receives: bool,
+    has_no_auto_aabb: bool,
     transform: Affine3A,
     /// `None` if it is not culled.
     bounds: Option<(Aabb, Margin)>,
@@ -127,6 +128,7 @@ pub struct ChangingCaster {
     is_unculled: Has<NoFrustumCulling>,
     casts_none: Has<NotShadowCaster>,
     receives_none: Has<NotShadowReceiver>,
+    has_no_auto_aabb: Has<NoAutoAabb>,
     has_range: Has<VisibilityRange>,
 }
 
@@ -214,6 +216,7 @@ impl Found {
         let state = CasterState {
             casts: !it.casts_none,
             receives: !it.receives_none,
+            has_no_auto_aabb: it.has_no_auto_aabb,
             transform: it.transform.affine(),
             bounds: bounds.filter(|_| !it.is_unculled),
             layers: it.layers.cloned().unwrap_or_default(),

@@ -350,7 +350,16 @@ fn what_does_not_keep_still_along_a_path_is_found() {
     let found = along(&rest, steady.clone());
     assert_eq!((found.changed_pct, found.grid_changes), (0.0, 0));
     assert!(found.wrong_pct > 0.0 && found.wrong_pct < 1.0, "{found:?}");
+    // The first frame's.
+    assert!(
+        found.drawn.maps > 0.0 && found.drawn.maps < 0.2,
+        "{found:?}"
+    );
     let found = along(&turn, steady);
+    assert!(
+        found.drawn.triangles > 0.2 && found.drawn.triangles < 30.0,
+        "{found:?}"
+    );
     assert!(found.grid_changes < 10, "{found:?}");
     let most = found.changed_pct.max(0.1);
     assert!(most < 0.5, "{found:?}");

@@ -40,21 +40,7 @@ fn area(size: UVec2) -> u64 {
 impl Frame {
     /// Reads a frame's costs off the world.
     pub fn of(world: &World, gpu: Counts, camera: Entity, sun: Entity, ours: bool) -> Self {
-        let meshes = world.resource::<Assets<Mesh>>();
-        let triangles_of = |entity: &Entity| {
-            let mesh = world.get::<Mesh3d>(*entity).and_then(|m| meshes.get(&m.0));
-            mesh.map_or(0, |mesh| {
-                mesh.indices().map_or(mesh.count_vertices(), Indices::len) / 3
-            })
-        };
-        let lists = world
-            .get::<CascadesVisibleEntities>(sun)
-            .and_then(|lists| lists.entities.get(&camera));
-        let lists: Vec<&[Entity]> = lists
-            .into_iter()
-            .flatten()
-            .map(|list| list.entities.as_slice())
-            .collect();
+        let lists = lists(world, camera, sun);
         let plans = world.get::<ShadowPlans>(sun).filter(|_| ours);
         let plans = plans.and_then(|plans| plans.views.get(&camera));
         let stock = UVec2::splat(world.resource::<DirectionalLightShadowMap>().size as u32);
@@ -66,10 +52,7 @@ impl Frame {
             gpu,
             cpu: [0.0; 2],
             casters: lists.iter().map(|list| list.len()).collect(),
-            triangles: lists
-                .iter()
-                .map(|list| list.iter().map(triangles_of).sum())
-                .collect(),
+            triangles: triangles_of_cascades(world, camera, sun),
             maps: (0..lists.len()).map(size).collect(),
         }
     }
@@ -90,6 +73,28 @@ impl Frame {
         let texels = area(layer) * self.maps.len() as u64;
         (texels * 4) as f64 / f64::from(1 << 20)
     }
+}
+
+fn lists(world: &World, camera: Entity, sun: Entity) -> Vec<&[Entity]> {
+    let lists = world.get::<CascadesVisibleEntities>(sun);
+    let lists = lists.and_then(|lists| lists.entities.get(&camera));
+    let lists = lists.into_iter().flatten();
+    lists.map(|list| list.entities.as_slice()).collect()
+}
+
+/// Triangles of casters, by cascade.
+pub fn triangles_of_cascades(world: &World, camera: Entity, sun: Entity) -> Vec<usize> {
+    let meshes = world.resource::<Assets<Mesh>>();
+    let triangles_of = |entity: &Entity| {
+        let mesh = world.get::<Mesh3d>(*entity).and_then(|m| meshes.get(&m.0));
+        mesh.map_or(0, |mesh| {
+            mesh.indices().map_or(mesh.count_vertices(), Indices::len) / 3
+        })
+    };
+    let lists = lists(world, camera, sun).into_iter();
+    lists
+        .map(|list| list.iter().map(triangles_of).sum())
+        .collect()
 }
 
 /// Runs of the systems that are timed.

@@ -10,10 +10,11 @@ use bevy::{
     platform::{collections::HashMap, sync::Arc},
     prelude::*,
 };
-use bevy_pssm::ShadowPlans;
+use bevy_pssm::{MapUpdates, ParallelSplitShadows, ShadowPlans, plan::CascadePlan};
 use serde::Serialize;
 
 use super::{
+    cost::triangles_of_cascades,
     gather::Geometry,
     maps::{Map, maps_of},
     settings::{Setting, Technique},
@@ -141,6 +142,26 @@ pub struct Steadiness {
     pub grid_changes: usize,
     /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
+    /// What is drawn where maps are held while they serve, in percent of drawing them in each frame.
+    pub drawn: DrawnShare,
+}
+
+/// In percent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DrawnShare {
+    /// Of maps.
+    pub maps: f64,
+    /// Of their casters' triangles.
+    pub triangles: f64,
+}
+
+impl Default for DrawnShare {
+    fn default() -> Self {
+        Self {
+            maps: 100.0,
+            triangles: 100.0,
+        }
+    }
 }
 
 /// A frame of a path, as needed to read pictures of it.
@@ -232,7 +253,15 @@ impl Studio {
         setting: &Setting,
         mut done: impl FnMut(),
     ) -> Steadiness {
-        let Passage { changes, held } = self.pass_along(route, setting);
+        let Passage {
+            changes,
+            held,
+            work: every,
+        } = self.pass_along(route, setting);
+        let drawn = self.needed_work(route).map(|needed| DrawnShare {
+            maps: percent(needed.maps, every.maps),
+            triangles: percent(needed.triangles, every.triangles),
+        });
         let step = changes.len().div_ceil(MOST_CHANGES).max(1);
         let mut looked_at: Vec<usize> = regular_frames().collect();
         looked_at.extend(changes.iter().step_by(step));
@@ -269,7 +298,8 @@ impl Studio {
                 * (kept * (all - of_changes) + jumped * of_changes)
                 / all,
             grid_changes: changes.len(),
-            wrong_pct: 100.0 * sum.wrong as f64 / sum.points.max(1) as f64,
+            wrong_pct: percent(sum.wrong, sum.points),
+            drawn: drawn.unwrap_or_default(),
         }
     }
 
@@ -287,6 +317,7 @@ impl Studio {
         let mut held = [None, self.held()];
         for (frame, stance) in route.stances.iter().enumerate() {
             self.pass(stance);
+            passage.work += self.work();
             let maps = maps_of(self.world(), camera, sun, near, height);
             let is_kept = |now: &Map| {
                 let mut last = last.iter().filter(|last| last.cascade == now.cascade);
@@ -306,6 +337,49 @@ impl Studio {
             last = maps;
         }
         passage
+    }
+
+    /// What is drawn along a path if maps are held; `None` for Bevy's, which never are.
+    fn needed_work(&mut self, route: &Route) -> Option<Work> {
+        self.set_updates(MapUpdates::WhenNeeded)?;
+        self.forget();
+        let mut needed = Work::default();
+        for stance in &route.stances {
+            self.pass(stance);
+            needed += self.work();
+        }
+        self.set_updates(MapUpdates::EveryFrame)?;
+        Some(needed)
+    }
+
+    fn set_updates(&mut self, updates: MapUpdates) -> Option<()> {
+        let sun = self.sun;
+        let mut shadows = self.world().get_mut::<ParallelSplitShadows>(sun)?;
+        shadows.comparison.updates = updates;
+        Some(())
+    }
+
+    /// What the plugin has to draw in this frame.
+    fn work(&mut self) -> Work {
+        let (camera, sun) = (self.camera, self.sun);
+        let world = self.world();
+        let plans = world.get::<ShadowPlans>(sun);
+        let Some(plans) = plans.and_then(|plans| plans.views.get(&camera)) else {
+            return Work::default();
+        };
+        let triangles = triangles_of_cascades(world, camera, sun);
+        let is_drawn = |plan: &CascadePlan| {
+            let map = plan.map.as_ref();
+            map.is_some_and(|map| map.redraw.is_some())
+        };
+        let drawn = plans
+            .iter()
+            .zip(triangles)
+            .filter(|(plan, _)| is_drawn(plan));
+        drawn.fold(Work::default(), |mut work, (_, triangles)| {
+            work += Work { maps: 1, triangles };
+            work
+        })
     }
 
     /// What the plugin holds on to.
@@ -329,6 +403,25 @@ struct Passage {
     changes: Vec<usize>,
     /// By frame that may be looked at, what was held before the frame before it.
     held: HashMap<usize, ShadowPlans>,
+    work: Work,
+}
+
+/// Maps drawn, and what into them.
+#[derive(Default, Clone, Copy)]
+struct Work {
+    maps: usize,
+    triangles: usize,
+}
+
+impl core::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.maps += other.maps;
+        self.triangles += other.triangles;
+    }
+}
+
+fn percent(part: usize, whole: usize) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
 }
 
 /// How points fared.
@@ -425,4 +518,8 @@ pub struct PathRow {
     pub grid_changes: usize,
     /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
+    /// Maps drawn where those that serve are held, in percent of all in each frame.
+    pub maps_drawn_pct: f64,
+    /// Triangles drawn into them, in percent of all maps' in each frame.
+    pub triangles_drawn_pct: f64,
 }
