@@ -47,6 +47,10 @@
 //!   lights, or maps for so many cameras, that slots or texture layers run out, the plugin says
 //!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
 //! - GPUs without `DEPTH_CLIP_CONTROL` get tight maps where warped ones are asked for.
+//! - Other crates' passes find neither `ShadowView`s nor entries in `ViewLightEntities` for maps while a light is
+//!   managed. What draws into those adds its system to [`DrawShadowMap`], after
+//!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
+//!   an attachment. The light wants [`ShadowUpdates::Always`].
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
 #[doc(hidden)]
@@ -73,7 +77,7 @@ pub use config::{
 #[doc(inline)]
 pub use debug::ShadowOverlay;
 #[doc(inline)]
-pub use render::PssmRenderSystems;
+pub use render::{AdoptedMap, DrawShadowMap, PssmRenderSystems, ShadowTarget};
 #[doc(inline)]
 pub use shaders::ShaderFeatures;
 #[doc(inline)]

@@ -27,7 +27,7 @@ use crate::{
     config::MIN_MAP_SIZE,
     debug::ShadowOverlay,
     plan::CascadePlan,
-    systems::{ManagedLight, ShadowPlans, empty_cascade},
+    systems::{ManagedLight, ShadowPlans, ShadowUpdates, empty_cascade},
 };
 
 /// What the render world needs to know of the managed lights' plans.
@@ -54,6 +54,8 @@ pub(crate) struct ExtractedCascade {
     pub has_map: bool,
     /// What was drawn last still serves.
     pub may_hold: bool,
+    /// It is drawn without casters too.
+    pub is_drawn_always: bool,
     /// Size of a texel (meters), and NDC depth per meter towards the light: of maps that are not
     /// in perspective.
     pub texel: [f32; 2],
@@ -76,6 +78,7 @@ impl ExtractedCascade {
         map_size: UVec2::splat(MIN_MAP_SIZE),
         has_map: false,
         may_hold: false,
+        is_drawn_always: false,
         texel: [0.0; 2],
         depth_per_meter: 0.0,
         blend_start: f32::MAX,
@@ -91,6 +94,7 @@ impl From<&CascadePlan> for ExtractedCascade {
             map_size: plan.map_size,
             has_map: map.is_some(),
             may_hold: map.is_some_and(|map| map.redraw.is_none()),
+            is_drawn_always: false,
             texel: map.map_or([0.0; 2], |map| map.texel.as_vec2().to_array()),
             depth_per_meter: map.map_or(0.0, |map| {
                 map.clip_from_world.row(2).truncate().length() as f32
@@ -106,9 +110,18 @@ impl From<&CascadePlan> for ExtractedCascade {
     }
 }
 
+#[derive(QueryData)]
+pub(super) struct LightToExtract {
+    entity: Entity,
+    managed: &'static ManagedLight,
+    plans: &'static ShadowPlans,
+    light: &'static DirectionalLight,
+    updates: Option<&'static ShadowUpdates>,
+}
+
 pub(super) fn extract_shadows(
     mut extracted: ResMut<ExtractedShadows>,
-    lights: Extract<Query<(Entity, &ManagedLight, &ShadowPlans, &DirectionalLight)>>,
+    lights: Extract<Query<LightToExtract>>,
     overlay: Extract<Res<ShadowOverlay>>,
     built_in: Extract<Res<DirectionalLightShadowMap>>,
 ) {
@@ -116,25 +129,26 @@ pub(super) fn extract_shadows(
     extracted.overlay = **overlay;
     extracted.frame += 1;
     extracted.lights.clear();
-    for (light, managed, plans, directional) in &lights {
-        let config = managed.config();
-        let Some(config) = config.filter(|_| directional.shadow_maps_enabled) else {
+    for it in &lights {
+        let config = it.managed.config();
+        let Some(config) = config.filter(|_| it.light.shadow_maps_enabled) else {
             continue;
         };
-        let views = plans
-            .views
-            .iter()
-            .map(|(view, plan)| {
-                (
-                    MainEntity::from(*view),
-                    plan.iter().map(ExtractedCascade::from).collect(),
-                )
-            })
-            .collect();
-        let options = LookupOptions::new(config, directional);
-        extracted
-            .lights
-            .insert(MainEntity::from(light), ExtractedLight { options, views });
+        let is_drawn_always = it.updates == Some(&ShadowUpdates::Always);
+        let cascade = |plan: &CascadePlan| ExtractedCascade {
+            is_drawn_always,
+            ..ExtractedCascade::from(plan)
+        };
+        let views = it.plans.views.iter().map(|(view, plans)| {
+            let cascades = plans.iter().map(cascade).collect();
+            (MainEntity::from(*view), cascades)
+        });
+        let views = views.collect();
+        let options = LookupOptions::new(config, it.light);
+        extracted.lights.insert(
+            MainEntity::from(it.entity),
+            ExtractedLight { options, views },
+        );
     }
 }
 

@@ -141,7 +141,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 let map = AdoptedMap {
                     layer: next_layer,
                     size: size.min(UVec2::splat(request.max_size)),
-                    skip_if_empty: it.cascade.is_some(),
+                    skip_if_empty: it.cascade.is_some_and(|cascade| !cascade.is_drawn_always),
                     may_hold: it.cascade.is_some_and(|cascade| cascade.may_hold),
                     spot_index: None,
                 };

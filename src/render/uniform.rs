@@ -147,7 +147,7 @@ fn fill_slot(
             continue;
         };
         ends[index] = cascade.far;
-        let is_drawn = cascade.has_map && is_drawn(*view);
+        let is_drawn = cascade.has_map && (cascade.is_drawn_always || is_drawn(*view));
         let field = index * layout::CASCADE;
         write_at(
             slot,

@@ -1,6 +1,7 @@
 //! Which meshes have changed since the last frame: maps that hold none of them stay as they are.
 
 use bevy::{
+    asset::{AssetEvent, AssetId, Assets},
     camera::{
         Camera3d,
         primitives::Aabb,
@@ -14,19 +15,24 @@ use bevy::{
         component::Component,
         entity::{Entity, EntityHashSet},
         lifecycle::{Remove, RemovedComponents},
+        message::MessageReader,
         observer::On,
         query::{Added, Changed, Has, Or, QueryData, With, Without},
         reflect::ReflectComponent,
         resource::Resource,
         system::{Commands, Local, ParamSet, Query, Res, ResMut, SystemParam},
     },
+    image::Image,
     light::{NotShadowCaster, NotShadowReceiver},
+    material::AlphaMode,
     math::Affine3A,
     mesh::{
         Mesh3d,
         morph::{MeshMorphWeights, MorphWeights},
         skinning::SkinnedMesh,
     },
+    pbr::StandardMaterial,
+    platform::collections::HashSet,
     reflect::{Reflect, std_traits::ReflectDefault},
     transform::components::GlobalTransform,
     utils::Parallel,
@@ -36,6 +42,9 @@ use super::bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds};
 use crate::{geometry::oriented_box::OrientedBox, plan::CasterChanges};
 
 /// How often a caster's shadow is drawn anew. Without it: when it has changed ([`Self::Automatic`]).
+///
+/// On a managed light, `Always` has all its maps drawn in every frame, those without casters too: for other
+/// crates' systems that draw into them, in [`DrawShadowMap`](crate::DrawShadowMap).
 #[derive(Component, Reflect, Debug, Default, Clone, Copy, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq, Hash)]
 pub enum ShadowUpdates {
@@ -82,6 +91,8 @@ pub struct ChangedCasters {
     have_receivers_changed: bool,
     /// What has gone since then.
     removed: Vec<CasterRecord>,
+    /// Whether an image that masks casters has changed since then.
+    has_new_mask: bool,
 }
 
 impl ChangedCasters {
@@ -287,6 +298,9 @@ pub fn find_changes(
             found.compare(&mut it, &surroundings, &displaced);
         }
     }
+    if core::mem::take(&mut changed.has_new_mask) {
+        found.casters.push(None);
+    }
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
@@ -328,6 +342,27 @@ impl LostComponents<'_, '_> {
         let lists = lists.chain(no_receivers.read()).chain(own_bounds.read());
         lists.chain(ranges.read())
     }
+}
+
+/// Materials do not change with their images.
+pub(super) fn note_changed_masks(
+    mut images: MessageReader<AssetEvent<Image>>,
+    materials: Res<Assets<StandardMaterial>>,
+    mut changed: ResMut<ChangedCasters>,
+) {
+    let modified = images.read().filter_map(|event| match event {
+        AssetEvent::Modified { id } => Some(*id),
+        _ => None,
+    });
+    let modified: HashSet<AssetId<Image>> = modified.collect();
+    if modified.is_empty() {
+        return;
+    }
+    changed.has_new_mask |= materials.iter().any(|(_, material)| {
+        let image = material.base_color_texture.as_ref();
+        let is_modified = image.is_some_and(|image| modified.contains(&image.id()));
+        is_modified && material.alpha_mode != AlphaMode::Opaque
+    });
 }
 
 /// What goes leaves its shadow behind in maps that hold it.

@@ -22,7 +22,7 @@ pub(crate) use publish::empty_cascade;
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
-    asset::{AssetEvent, AssetEventSystems, AssetTrackingSystems},
+    asset::{AssetEvent, AssetEventSystems, AssetTrackingSystems, Assets},
     camera::visibility::VisibilitySystems,
     ecs::{
         message::Messages,
@@ -31,8 +31,10 @@ use bevy::{
             common_conditions::{any_with_component, resource_exists},
         },
     },
+    image::Image,
     light::SimulationLightSystems,
     mesh::{Mesh, Mesh3d},
+    pbr::StandardMaterial,
     transform::TransformSystems,
 };
 
@@ -107,6 +109,11 @@ pub(crate) fn build(app: &mut App) {
                 .after(AssetEventSystems)
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
+            changes::note_changed_masks
+                .after(AssetEventSystems)
+                .before(PssmSystems::PlanCascades)
+                .run_if(resource_exists::<Messages<AssetEvent<Image>>>)
+                .run_if(resource_exists::<Assets<StandardMaterial>>),
             bounds::forget_removed.before(PssmSystems::PlanCascades),
             (
                 find_changes.run_if(any_with_component::<ManagedLight>),

@@ -29,7 +29,7 @@ use bevy::{
 };
 
 use super::{
-    ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes,
+    ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowUpdates,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
 };
 use crate::{
@@ -101,6 +101,7 @@ pub struct PlannedLight {
     inherited: &'static InheritedVisibility,
     layers: Option<&'static RenderLayers>,
     is_volumetric: Has<VolumetricLight>,
+    updates: Option<&'static ShadowUpdates>,
     plans: &'static mut ShadowPlans,
     cascades: &'static mut Cascades,
     frusta: &'static mut CascadesFrusta,
@@ -237,7 +238,8 @@ pub fn plan_shadows(
             history,
             layers: known_layers,
         } = &mut *it.plans;
-        let changes = if *known_layers == layers {
+        let is_restless = it.updates == Some(&ShadowUpdates::Always);
+        let changes = if *known_layers == layers && !is_restless {
             changed.get()
         } else {
             &CasterChanges::Anywhere

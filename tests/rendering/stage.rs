@@ -6,7 +6,9 @@ use bevy::{
     asset::RenderAssetUsages,
     camera::RenderTarget,
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
-    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap},
+    light::{
+        CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap, NotShadowCaster,
+    },
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
@@ -131,6 +133,14 @@ impl Stage {
 
     pub fn clear_ground(&mut self) {
         self.despawn_all::<Ground>();
+    }
+
+    /// Marks the ground as no caster.
+    pub fn ground_that_casts_nothing(&mut self) {
+        let mut ground = self.world().query_filtered::<Entity, With<Ground>>();
+        let ground = ground.iter(self.headless.app.world()).next();
+        let ground = ground.expect("a ground");
+        self.world().entity_mut(ground).insert(NotShadowCaster);
     }
 
     fn despawn_all<C: Component>(&mut self) {
