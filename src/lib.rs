@@ -51,6 +51,7 @@
 //!   managed. What draws into those adds its system to [`DrawShadowMap`], after
 //!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
 //!   an attachment. The light wants [`ShadowUpdates::Always`].
+//! - Vertex and compute shaders that call Bevy's shadow functions want [`ShaderFeatures::any_stage`].
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
 #[doc(hidden)]

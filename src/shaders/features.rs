@@ -36,10 +36,14 @@ pub struct ShaderFeatures {
     pub faces: bool,
     /// [`ShadowOverlay`](crate::ShadowOverlay).
     pub overlays: bool,
+    /// Lookups in vertex and compute shaders, as a game's own materials may have: they have no derivatives, so
+    /// that none is used, surfaces are taken for what their shading normals say, and smooth-shaded meshes
+    /// may have teeth where light runs out. Only a game can ask for it.
+    pub any_stage: bool,
 }
 
 impl ShaderFeatures {
-    /// Everything that settings can ask for.
+    /// Everything that settings can ask for, and nothing else.
     pub const ALL: Self = Self {
         built_in: true,
         biases: true,
@@ -49,6 +53,7 @@ impl ShaderFeatures {
         warps: true,
         faces: true,
         overlays: true,
+        any_stage: false,
     };
 
     /// What a light's settings and its filter need.
@@ -75,11 +80,14 @@ impl ShaderFeatures {
             warps: self.warps || other.warps,
             faces: self.faces || other.faces,
             overlays: self.overlays || other.overlays,
+            any_stage: self.any_stage || other.any_stage,
         }
     }
 
     /// The switches of the shader library that leave all else out.
-    pub fn defs(self) -> [ShaderDefVal; 8] {
+    pub fn defs(self) -> [ShaderDefVal; 9] {
+        // Browsers reject derivatives where control flow may differ between pixels.
+        let has_derivatives = !self.any_stage && cfg!(not(target_family = "wasm"));
         [
             ("PSSM_BUILT_IN", self.built_in),
             ("PSSM_BIASES", self.biases),
@@ -89,6 +97,7 @@ impl ShaderFeatures {
             ("PSSM_WARPS", self.warps),
             ("PSSM_FACES", self.faces),
             ("PSSM_OVERLAYS", self.overlays),
+            ("PSSM_DERIVATIVES", has_derivatives),
         ]
         .map(|(name, set)| ShaderDefVal::Bool(name.into(), set))
     }

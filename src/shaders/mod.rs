@@ -239,13 +239,9 @@ pub fn shader_defs(features: ShaderFeatures) -> Vec<ShaderDefVal> {
         .map(|(name, value)| ShaderDefVal::UInt((*name).into(), *value))
         .collect();
     defs.extend(features.defs());
-    defs.extend([
-        // Browsers reject derivatives where control flow may differ between pixels.
-        ShaderDefVal::Bool("PSSM_DERIVATIVES".into(), cfg!(not(target_family = "wasm"))),
-        ShaderDefVal::Bool(
-            "DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(),
-            features.overlays,
-        ),
-    ]);
+    defs.push(ShaderDefVal::Bool(
+        "DIRECTIONAL_LIGHT_SHADOW_MAP_DEBUG_CASCADES".into(),
+        features.overlays,
+    ));
     defs
 }

@@ -36,6 +36,14 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
 }
 ";
 
+/// As a material's vertex shader might.
+fn vertex_entry() -> String {
+    let fragment = "@fragment\nfn fragment(@builtin(position) position: vec4<f32>) -> @location(0)";
+    let vertex = "@vertex\nfn vertex(@location(0) position: vec4<f32>) -> @builtin(position)";
+    assert!(ENTRY.contains(fragment));
+    ENTRY.replace(fragment, vertex)
+}
+
 const GAUSSIAN: &str = "SHADOW_FILTER_METHOD_GAUSSIAN";
 const TEMPORAL: &str = "SHADOW_FILTER_METHOD_TEMPORAL";
 
@@ -82,6 +90,11 @@ fn every_flag_combination_compiles() {
         entry,
         Shader::from_wesl(ENTRY, "embedded://tests/entry.wesl"),
     );
+    let other_entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(2));
+    cache.set_shader(
+        other_entry,
+        Shader::from_wesl(vertex_entry(), "embedded://tests/vertex_entry.wesl"),
+    );
 
     let filters = [
         None,
@@ -116,16 +129,9 @@ fn every_flag_combination_compiles() {
             built_in: has(6),
             // With half of everything else.
             faces: set.count_ones() % 2 == 1,
+            any_stage: set & 3 == 3,
         };
-        let mut defs = shader_defs(parts);
-        // Some as browsers have them.
-        for def in &mut defs {
-            if let ShaderDefVal::Bool(name, value) = def
-                && name == "PSSM_DERIVATIVES"
-            {
-                *value = set & 3 != 3;
-            }
-        }
+        let defs = shader_defs(parts);
         for (module, shader) in &replacements {
             let mut shader = shader.clone();
             shader.shader_defs = defs.clone();
@@ -158,11 +164,20 @@ fn every_flag_combination_compiles() {
                     ("tent_sum(lookup", parts.tents || filter == Some(GAUSSIAN)),
                     ("cascade_color", parts.overlays),
                     ("is_in_wedge", parts.faces),
+                    ("dpdx(shading", !parts.any_stage),
                 ] {
                     assert_eq!(text.contains(name), part, "{name}: {parts:?}, {filter:?}");
                 }
                 compiled += 1;
             }
+        }
+        if parts.any_stage {
+            let mut defs = vec![ShaderDefVal::from(GAUSSIAN)];
+            for name in &switches {
+                defs.push(ShaderDefVal::Bool((*name).into(), false));
+            }
+            let found = cache.get(0, other_entry, &defs);
+            found.unwrap_or_else(|error| panic!("in a vertex shader, {parts:?}: {error}"));
         }
     }
     assert_eq!(compiled, (126 + 2 * 5) * 4);
