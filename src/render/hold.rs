@@ -11,7 +11,7 @@ use bevy::{
         message::MessageReader,
         query::QueryData,
         resource::Resource,
-        system::{Commands, Query, Res, ResMut, SystemParam},
+        system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
     math::Mat4,
     mesh::Mesh3d,
@@ -23,7 +23,7 @@ use bevy::{
         camera::DirtySpecializations,
         render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
         render_resource::{CachedPipelineState, PipelineCache, PipelineDescriptor},
-        sync_world::MainEntity,
+        sync_world::{MainEntity, MainEntityHashSet},
         view::{ExtractedView, RenderShadowMapVisibleEntities, RetainedViewEntity},
     },
     shader::{Shader, ShaderCacheError},
@@ -172,6 +172,17 @@ pub(super) fn hold_maps(
     }
 }
 
+/// What is missing for so many frames may never come: it is waited for no longer.
+const PATIENCE: u32 = 60;
+
+/// What maps wait for that is not theirs to know.
+#[derive(Default, PartialEq)]
+pub(super) struct Missing {
+    meshes: MainEntityHashSet,
+    /// Such as Bevy's that cull and lay out what is drawn.
+    computes: Vec<usize>,
+}
+
 /// Counts how often maps have been drawn whole.
 pub(super) fn note_whole_maps(
     mut drawn: ResMut<DrawnMaps>,
@@ -179,23 +190,27 @@ pub(super) fn note_whole_maps(
     pipelines: Res<PipelineCache>,
     meshes: Res<RenderMeshInstances>,
     late: Res<MeshesToReextractNextFrame>,
+    mut last: Local<(Missing, u32)>,
 ) {
     if drawn.maps.values().all(|map| map.is_held) {
         return;
     }
-    let has_late = late
-        .iter()
-        .any(|entity| meshes.render_mesh_queue_data(*entity).is_some());
-    // Such as Bevy's that cull and lay out what is drawn.
-    let computes = !pipelines.pipelines().any(|pipeline| {
-        matches!(
-            pipeline.descriptor,
-            PipelineDescriptor::ComputePipelineDescriptor(_)
-        ) && is_on_its_way(&pipeline.state)
+    let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
+    let computes = pipelines.pipelines().enumerate().filter(|(_, pipeline)| {
+        let descriptor = &pipeline.descriptor;
+        matches!(descriptor, PipelineDescriptor::ComputePipelineDescriptor(_))
+            && is_on_its_way(&pipeline.state)
     });
+    let missing = Missing {
+        meshes: late.iter().filter(is_drawn).copied().collect(),
+        computes: computes.map(|(index, _)| index).collect(),
+    };
+    let is_nothing = missing == Missing::default();
+    last.1 = if missing == last.0 { last.1 + 1 } else { 0 };
+    last.0 = missing;
+    let is_there = is_nothing || last.1 > PATIENCE;
     for map in drawn.maps.values_mut().filter(|map| !map.is_held) {
-        let is_whole = !has_late
-            && computes
+        let is_whole = is_there
             && phases.get(&map.view).is_none_or(|phase| {
                 let sets = phase.multidrawable_meshes.keys();
                 let keys = phase

@@ -3,17 +3,18 @@
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     camera::{
-        Camera3d,
+        Camera3d, ShadowLodOrigin,
         primitives::Aabb,
         visibility::{
-            InheritedVisibility, NoAutoAabb, NoFrustumCulling, RenderLayers, VisibilityRange,
-            VisibleEntityRanges,
+            InheritedVisibility, NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers,
+            VisibilityRange, VisibleEntityRanges,
         },
     },
     ecs::{
         change_detection::{DetectChanges, DetectChangesMut, Ref},
         component::Component,
         entity::{Entity, EntityHashSet},
+        entity_disabling::Disabled,
         lifecycle::{Remove, RemovedComponents},
         message::MessageReader,
         observer::On,
@@ -27,7 +28,7 @@ use bevy::{
     material::AlphaMode,
     math::Affine3A,
     mesh::{
-        Mesh3d,
+        Mesh, Mesh3d,
         morph::{MeshMorphWeights, MorphWeights},
         skinning::SkinnedMesh,
     },
@@ -38,7 +39,10 @@ use bevy::{
     utils::Parallel,
 };
 
-use super::bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds};
+use super::{
+    ManagedLight,
+    bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
+};
 use crate::{geometry::oriented_box::OrientedBox, plan::CasterChanges};
 
 /// How often a caster's shadow is drawn anew. Without it: when it has changed ([`Self::Automatic`]).
@@ -78,6 +82,10 @@ pub struct CasterState {
     transform: Affine3A,
     /// `None` if it is not culled.
     bounds: Option<(Aabb, Margin)>,
+    is_gpu_culled: bool,
+    mesh: AssetId<Mesh>,
+    is_skinned: bool,
+    is_morphed: bool,
     layers: RenderLayers,
     /// The views for which it is in the range of its level of detail.
     ranges: u32,
@@ -133,10 +141,12 @@ pub struct ChangingCaster {
     aabb: Option<&'static Aabb>,
     margin: Option<&'static BoundsMargin>,
     layers: Option<&'static RenderLayers>,
-    updates: Option<&'static ShadowUpdates>,
-    skin: Option<&'static SkinnedMesh>,
+    updates: Option<Ref<'static, ShadowUpdates>>,
+    mesh: &'static Mesh3d,
+    skin: Option<Ref<'static, SkinnedMesh>>,
     morph: Option<Ref<'static, MeshMorphWeights>>,
     is_unculled: Has<NoFrustumCulling>,
+    is_gpu_culled: Has<NoCpuCulling>,
     casts_none: Has<NotShadowCaster>,
     receives_none: Has<NotShadowReceiver>,
     has_no_auto_aabb: Has<NoAutoAabb>,
@@ -157,10 +167,14 @@ type MayHaveChanged = (
         Added<NotShadowCaster>,
         Added<NotShadowReceiver>,
         Added<NoAutoAabb>,
-        With<ShadowUpdates>,
-        With<VisibilityRange>,
-        With<SkinnedMesh>,
-        With<MeshMorphWeights>,
+        Or<(
+            Added<CasterRecord>,
+            Added<NoCpuCulling>,
+            With<ShadowUpdates>,
+            With<VisibilityRange>,
+            With<SkinnedMesh>,
+            With<MeshMorphWeights>,
+        )>,
     )>,
 );
 
@@ -169,25 +183,29 @@ type MayHaveChanged = (
 pub struct Surroundings<'w, 's> {
     displaced: Res<'w, DisplacedMeshes>,
     ranges: Option<Res<'w, VisibleEntityRanges>>,
-    cameras: Query<'w, 's, Entity, With<Camera3d>>,
+    cameras: Query<'w, 's, Entity, Or<(With<Camera3d>, With<ShadowLodOrigin>)>>,
     transforms: Query<'w, 's, Ref<'static, GlobalTransform>>,
     morphs: Query<'w, 's, Ref<'static, MorphWeights>>,
 }
 
 impl Surroundings<'_, '_> {
-    fn has_moved_inside(&self, it: &ChangingCasterItem) -> bool {
-        let is_bent = it.skin.is_some_and(|skin| {
-            let mut joints = self.transforms.iter_many(&skin.joints);
-            joints.any(|joint| joint.is_ok_and(|joint| joint.is_changed()))
+    /// Whether something that no component of its own tells may have changed its shadow.
+    fn may_have_changed(&self, it: &ChangingCasterItem) -> bool {
+        let has_moved = |entity| self.transforms.get(entity).is_ok_and(|at| at.is_changed());
+        let is_bent = it.skin.as_ref().is_some_and(|skin| {
+            skin.is_changed() || skin.joints.iter().any(|joint| has_moved(*joint))
         });
-        is_bent
-            || it.morph.as_ref().is_some_and(|weights| match &**weights {
-                MeshMorphWeights::Value { .. } => weights.is_changed(),
-                MeshMorphWeights::Reference(entity) => self
-                    .morphs
-                    .get(*entity)
-                    .is_ok_and(|weights| weights.is_changed()),
-            })
+        let is_morphed = it.morph.as_ref().is_some_and(|weights| {
+            let referred = match &**weights {
+                MeshMorphWeights::Reference(entity) => self.morphs.get(*entity).ok(),
+                MeshMorphWeights::Value { .. } => None,
+            };
+            weights.is_changed() || referred.is_some_and(|weights| weights.is_changed())
+        });
+        // Its level of detail is chosen on the GPU.
+        let may_switch = it.has_range && it.is_gpu_culled;
+        let is_switched = may_switch && self.cameras.iter().any(has_moved);
+        is_bent || is_morphed || is_switched
     }
 
     fn ranges(&self, it: &ChangingCasterItem) -> u32 {
@@ -230,6 +248,10 @@ impl Found {
             has_no_auto_aabb: it.has_no_auto_aabb,
             transform: it.transform.affine(),
             bounds: bounds.filter(|_| !it.is_unculled),
+            is_gpu_culled: it.is_gpu_culled,
+            mesh: it.mesh.id(),
+            is_skinned: it.skin.is_some(),
+            is_morphed: it.morph.is_some(),
             layers: it.layers.cloned().unwrap_or_default(),
             ranges: surroundings.ranges(it),
         };
@@ -238,10 +260,18 @@ impl Found {
         } else {
             CasterRecord::Nothing
         };
-        let updates = it.updates.copied().unwrap_or_default();
+        let updates = it
+            .updates
+            .as_ref()
+            .map_or_else(ShadowUpdates::default, |it| **it);
+        let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
+        if has_new_updates && updates != ShadowUpdates::Never {
+            // Maps may have it where it was long ago.
+            self.casters.push(None);
+        }
         let is_restless = match updates {
             ShadowUpdates::Automatic => {
-                displaced.contains(&it.entity) || surroundings.has_moved_inside(it)
+                displaced.contains(&it.entity) || surroundings.may_have_changed(it)
             }
             ShadowUpdates::Always => true,
             ShadowUpdates::Never => false,
@@ -270,11 +300,28 @@ pub fn find_changes(
     )>,
     surroundings: Surroundings,
     unknown: Query<Entity, (With<Mesh3d>, Without<CasterRecord>)>,
+    lights: Query<(), With<ManagedLight>>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
+    mut was_idle: Local<bool>,
     mut local: Local<Parallel<Found>>,
 ) {
+    if lights.is_empty() {
+        lost.clear();
+        changed.removed.clear();
+        changed.changes = CasterChanges::Anywhere;
+        changed.have_receivers_changed = true;
+        *was_idle = true;
+        return;
+    }
     let displaced = surroundings.displaced.get();
+    if core::mem::take(&mut *was_idle) {
+        // Nobody has looked at them in the meantime.
+        meshes.p1().par_iter_mut().for_each_init(
+            || local.borrow_local_mut(),
+            |found, mut it| found.compare(&mut it, &surroundings, &displaced),
+        );
+    }
     meshes.p0().par_iter_mut().for_each_init(
         || local.borrow_local_mut(),
         |found, mut it| found.compare(&mut it, &surroundings, &displaced),
@@ -291,8 +338,16 @@ pub fn find_changes(
         found.casters.append(&mut of_thread.casters);
         found.has_receiver |= core::mem::take(&mut of_thread.has_receiver);
     }
-    let entities = lost.read().chain(displaced.iter().copied());
     let mut all = meshes.p1();
+    for entity in lost.enabled.read() {
+        if let Ok(mut it) = all.get_mut(entity) {
+            *it.record = CasterRecord::Nothing;
+        }
+    }
+    if lost.updates.read().count() > 0 {
+        found.casters.push(None);
+    }
+    let entities = lost.read().into_iter().chain(displaced.iter().copied());
     for entity in entities {
         if let Ok(mut it) = all.get_mut(entity) {
             found.compare(&mut it, &surroundings, &displaced);
@@ -304,7 +359,7 @@ pub fn find_changes(
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
-        commands.entity(entity).insert(CasterRecord::default());
+        commands.entity(entity).try_insert(CasterRecord::default());
     }
     changed.have_receivers_changed = found.has_receiver;
     let bounds = (found.casters.len() <= MOST).then(|| found.casters.into_iter().collect());
@@ -319,28 +374,38 @@ pub struct LostComponents<'w, 's> {
     margins: RemovedComponents<'w, 's, BoundsMargin>,
     layers: RemovedComponents<'w, 's, RenderLayers>,
     unculled: RemovedComponents<'w, 's, NoFrustumCulling>,
+    gpu_culled: RemovedComponents<'w, 's, NoCpuCulling>,
     no_casters: RemovedComponents<'w, 's, NotShadowCaster>,
     no_receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
     own_bounds: RemovedComponents<'w, 's, NoAutoAabb>,
     ranges: RemovedComponents<'w, 's, VisibilityRange>,
+    skins: RemovedComponents<'w, 's, SkinnedMesh>,
+    morphs: RemovedComponents<'w, 's, MeshMorphWeights>,
+    enabled: RemovedComponents<'w, 's, Disabled>,
+    updates: RemovedComponents<'w, 's, ShadowUpdates>,
 }
 
 impl LostComponents<'_, '_> {
-    fn read(&mut self) -> impl Iterator<Item = Entity> {
-        let Self {
-            bounds,
-            margins,
-            layers,
-            unculled,
-            no_casters,
-            no_receivers,
-            own_bounds,
-            ranges,
-        } = self;
-        let lists = bounds.read().chain(margins.read()).chain(layers.read());
-        let lists = lists.chain(unculled.read()).chain(no_casters.read());
-        let lists = lists.chain(no_receivers.read()).chain(own_bounds.read());
-        lists.chain(ranges.read())
+    fn read(&mut self) -> Vec<Entity> {
+        let mut entities = Vec::new();
+        entities.extend(self.bounds.read());
+        entities.extend(self.margins.read());
+        entities.extend(self.layers.read());
+        entities.extend(self.unculled.read());
+        entities.extend(self.gpu_culled.read());
+        entities.extend(self.no_casters.read());
+        entities.extend(self.no_receivers.read());
+        entities.extend(self.own_bounds.read());
+        entities.extend(self.ranges.read());
+        entities.extend(self.skins.read());
+        entities.extend(self.morphs.read());
+        entities
+    }
+
+    fn clear(&mut self) {
+        self.read();
+        self.enabled.clear();
+        self.updates.clear();
     }
 }
 
@@ -372,6 +437,9 @@ pub(super) fn note_removed(
     mut changed: ResMut<ChangedCasters>,
 ) {
     if let Ok(mut record) = casters.get_mut(removed.entity) {
-        changed.removed.push(core::mem::take(&mut *record));
+        let record = core::mem::take(&mut *record);
+        if record != CasterRecord::Nothing {
+            changed.removed.push(record);
+        }
     }
 }

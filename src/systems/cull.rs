@@ -55,6 +55,10 @@ impl CascadeSet {
         Self(self.0 & other.0)
     }
 
+    fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
@@ -124,7 +128,7 @@ pub fn cull_casters(
     mut lights: Query<CulledLight, Without<SpotLight>>,
     mut casters: ParamSet<(
         Query<Caster, IsCaster>,
-        Query<&mut ViewVisibility, IsCaster>,
+        Query<(&InheritedVisibility, &mut ViewVisibility), IsCaster>,
     )>,
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
@@ -162,8 +166,7 @@ pub fn cull_casters(
             }
 
             // Lists of maps that are held stay as they are, and what is in them stays visible.
-            let lists = it.lists.entities.get(view).map(Vec::len);
-            let is_known = it.casters.views.contains_key(view) && lists == Some(count);
+            let is_known = it.casters.views.contains_key(view);
             let known = it.casters.views.entry(*view).or_default();
             let mapped = maps_where(plan, |_| true);
             let held = if is_known {
@@ -171,73 +174,82 @@ pub fn cull_casters(
             } else {
                 CascadeSet::default()
             };
-            known.retain_mut(|(_, cascades)| {
-                *cascades = cascades.and(held);
-                !cascades.is_empty()
-            });
             let mut visibilities = casters.p1();
-            let held_casters = known.iter().map(|(caster, _)| caster);
-            let mut still_visible = visibilities.iter_many_mut(held_casters);
-            while let Some(visibility) = still_visible.fetch_next() {
-                if let Ok(mut visibility) = visibility {
-                    visibility.set_visible();
-                }
-            }
-            let culled = mapped.without(held);
-            if culled.is_empty() && is_known {
-                continue;
-            }
-
-            casters.p0().par_iter_mut().for_each_init(
-                || found.borrow_local_mut(),
-                |found, mut caster| {
-                    let light_layers = it.layers.unwrap_or_default();
-                    let layers_meet = light_layers.intersects(caster.layers.unwrap_or_default());
-                    let is_out_of_range = caster.has_range
-                        && ranges.as_ref().is_some_and(|ranges| {
-                            !ranges.entity_is_in_range_of_view(caster.entity, *view)
-                        });
-                    if !caster.inherited.get() || !layers_meet || is_out_of_range {
-                        return;
+            let mut with_lost = CascadeSet::default();
+            known.retain_mut(|(caster, cascades)| {
+                *cascades = cascades.and(held);
+                match visibilities.get_mut(*caster) {
+                    _ if cascades.is_empty() => false,
+                    Ok((inherited, mut visibility)) if inherited.get() => {
+                        visibility.set_visible();
+                        true
                     }
-                    let is_culled = config.comparison.culling == CasterCulling::Hull;
-                    let cascades = match (caster.aabb, caster.transform) {
-                        (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
-                            let margin = Margin::of(caster.entity, caster.margin, &displaced);
-                            let affine = transform.affine();
-                            let (center, radius) = bounding_sphere(aabb, &affine, margin);
-                            let is_near =
-                                |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
-                            let near = culled.and(maps_where(plan, is_near));
-                            if near.is_empty() {
-                                return;
-                            }
-                            let bounds = world_bounds(aabb, &affine, margin);
-                            near.and(maps_where(plan, |map| map.hull.intersects_box(&bounds)))
-                        }
-                        // Without bounds it matters to all.
-                        _ => culled,
-                    };
-                    if !cascades.is_empty() {
-                        caster.visibility.set_visible();
-                        found.push((caster.entity, cascades));
+                    _ => {
+                        with_lost = with_lost.or(*cascades);
+                        false
                     }
-                },
-            );
-
-            found.drain_into(known);
-            known.sort_unstable_by_key(|(entity, _)| *entity);
-            known.dedup_by(|(entity, more), (kept, cascades)| {
-                let is_same = entity == kept;
-                if is_same {
-                    cascades.0 |= more.0;
                 }
-                is_same
             });
+            let culled = mapped.without(held);
+            if !culled.is_empty() {
+                casters.p0().par_iter_mut().for_each_init(
+                    || found.borrow_local_mut(),
+                    |found, mut caster| {
+                        let light_layers = it.layers.unwrap_or_default();
+                        let layers_meet =
+                            light_layers.intersects(caster.layers.unwrap_or_default());
+                        let is_out_of_range = caster.has_range
+                            && ranges.as_ref().is_some_and(|ranges| {
+                                !ranges.entity_is_in_range_of_view(caster.entity, *view)
+                            });
+                        if !caster.inherited.get() || !layers_meet || is_out_of_range {
+                            return;
+                        }
+                        let is_culled = config.comparison.culling == CasterCulling::Hull;
+                        let cascades = match (caster.aabb, caster.transform) {
+                            (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
+                                let margin = Margin::of(caster.entity, caster.margin, &displaced);
+                                let affine = transform.affine();
+                                let (center, radius) = bounding_sphere(aabb, &affine, margin);
+                                let is_near =
+                                    |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
+                                let near = culled.and(maps_where(plan, is_near));
+                                if near.is_empty() {
+                                    return;
+                                }
+                                let bounds = world_bounds(aabb, &affine, margin);
+                                near.and(maps_where(plan, |map| map.hull.intersects_box(&bounds)))
+                            }
+                            // Without bounds it matters to all.
+                            _ => culled,
+                        };
+                        if !cascades.is_empty() {
+                            caster.visibility.set_visible();
+                            found.push((caster.entity, cascades));
+                        }
+                    },
+                );
+
+                found.drain_into(known);
+                known.sort_unstable_by_key(|(entity, _)| *entity);
+                known.dedup_by(|(entity, more), (kept, cascades)| {
+                    let is_same = entity == kept;
+                    if is_same {
+                        *cascades = cascades.or(*more);
+                    }
+                    is_same
+                });
+            }
 
             let view_lists = it.lists.entities.entry(*view).or_default();
+            // Bevy drops those of views that it culls nothing for.
+            let kept = if view_lists.len() == count {
+                held.without(with_lost)
+            } else {
+                CascadeSet::default()
+            };
             view_lists.resize_with(count, VisibleMeshEntities::default);
-            for index in (0..count).filter(|index| !held.contains(*index)) {
+            for index in (0..count).filter(|index| !kept.contains(*index)) {
                 let list = &mut view_lists[index];
                 let inside = known
                     .iter()

@@ -26,10 +26,7 @@ use bevy::{
     camera::visibility::VisibilitySystems,
     ecs::{
         message::Messages,
-        schedule::{
-            IntoScheduleConfigs, SystemSet,
-            common_conditions::{any_with_component, resource_exists},
-        },
+        schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
     },
     image::Image,
     light::SimulationLightSystems,
@@ -115,11 +112,7 @@ pub(crate) fn build(app: &mut App) {
                 .run_if(resource_exists::<Messages<AssetEvent<Image>>>)
                 .run_if(resource_exists::<Assets<StandardMaterial>>),
             bounds::forget_removed.before(PssmSystems::PlanCascades),
-            (
-                find_changes.run_if(any_with_component::<ManagedLight>),
-                plan_shadows,
-                diagnostics::count_maps,
-            )
+            (find_changes, plan_shadows, diagnostics::count_maps)
                 .chain()
                 .in_set(PssmSystems::PlanCascades),
             cull_casters.in_set(PssmSystems::CullCasters),

@@ -46,6 +46,8 @@ pub struct ShadowPlans {
     history: EntityHashMap<PlanHistory>,
     /// Of the light when they were made.
     layers: RenderLayers,
+    /// The light had [`ShadowUpdates::Always`].
+    was_restless: bool,
 }
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
@@ -212,7 +214,13 @@ pub fn plan_shadows(
         })
         .collect();
 
-    gathered.retain(|view, _| views.iter().any(|(active, ..)| active == view));
+    // What changes while nothing is gathered is not known afterwards.
+    gathered.retain(|view, _| {
+        let mut seen = views
+            .iter()
+            .filter(|(.., seen)| matches!(seen, View::Seen(_)));
+        seen.any(|(active, ..)| active == view)
+    });
 
     for mut it in &mut lights {
         let Some(config) = it.managed.config() else {
@@ -237,9 +245,11 @@ pub fn plan_shadows(
             views: planned,
             history,
             layers: known_layers,
+            was_restless,
         } = &mut *it.plans;
         let is_restless = it.updates == Some(&ShadowUpdates::Always);
-        let changes = if *known_layers == layers && !is_restless {
+        let is_quiet = !is_restless && !core::mem::replace(was_restless, is_restless);
+        let changes = if *known_layers == layers && is_quiet {
             changed.get()
         } else {
             &CasterChanges::Anywhere
