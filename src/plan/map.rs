@@ -161,8 +161,8 @@ impl PlacedMap {
         })
     }
 
-    /// What lookups reach beyond what is shaded (meters).
+    /// What lookups reach beyond what is shaded (meters): filters are square.
     pub fn margin(&self, inputs: &PlanInputs) -> f64 {
-        inputs.reach.texels * self.texel.max_element()
+        inputs.reach.texels * self.texel.length()
     }
 }

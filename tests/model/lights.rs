@@ -53,7 +53,7 @@ fn count_found_by_bevy(
 }
 
 /// A camera, and something before it that receives shadows wherever it looks.
-fn camera(app: &mut App) -> Entity {
+pub fn camera(app: &mut App) -> Entity {
     app.world_mut()
         .spawn((Mesh3d::default(), NoFrustumCulling, NotShadowCaster));
     app.world_mut()

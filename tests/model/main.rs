@@ -11,6 +11,7 @@ mod body;
 mod culling;
 mod faces;
 mod fitted;
+mod fuzz;
 mod held;
 mod layers;
 mod lights;

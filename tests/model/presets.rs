@@ -5,7 +5,7 @@ use bevy_pssm::{config::ShadowPresetLoader, prelude::*};
 
 const MAX_MAP_SIZE: u32 = 8192;
 
-fn parse(text: &str) -> Result<ParallelSplitShadows, String> {
+pub fn parse(text: &str) -> Result<ParallelSplitShadows, String> {
     ShadowPresetLoader::parse(
         text,
         &AssetPath::from("shadows/test.shadows.ron"),

@@ -15,7 +15,7 @@ use image::RgbaImage;
 
 use crate::{
     compare::assert_identical,
-    stage::{Stage, eye, shadows},
+    stage::{Dice, Stage, eye, shadows},
 };
 
 fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
@@ -90,23 +90,6 @@ fn at_rest_nothing_is_drawn_and_what_changes_is() {
     };
     let (first, later) = cost(&nudge);
     assert!(first <= 1 && later == 0, "{first} then {later}");
-}
-
-/// Of a sequence of pseudorandom numbers in [0, 1).
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self) -> f32 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 40) as f32 / (1_u64 << 24) as f32
-    }
-
-    fn pick(&mut self, count: usize) -> usize {
-        (self.roll() * count as f32) as usize
-    }
 }
 
 /// What a game does to its casters in a frame.
@@ -238,9 +221,7 @@ fn walk(updates: MapUpdates, fit: CascadeFit, frames: usize) -> (Vec<RgbaImage>,
         }
         stage.step();
         total += drawn(&mut stage);
-        let size = crate::stage::SIZE;
-        let picture = RgbaImage::from_raw(size.x, size.y, stage.headless.read_back());
-        pictures.push(picture.expect("a picture"));
+        pictures.push(stage.last_picture());
     }
     (pictures, total)
 }

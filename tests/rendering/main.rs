@@ -27,6 +27,7 @@ mod neighbors;
 mod obstacles;
 mod scenes;
 mod shader_module;
+mod soak;
 mod soft;
 mod stability;
 mod stage;

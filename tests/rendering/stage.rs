@@ -1,5 +1,6 @@
 //! A small scene with thin and thick casters near and far, under one sun.
 
+use core::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bevy::{
@@ -36,7 +37,35 @@ pub fn take_turn() -> MutexGuard<'static, ()> {
 pub struct Stage {
     /// The app.
     pub headless: Headless,
+    size: UVec2,
     _turn: MutexGuard<'static, ()>,
+}
+
+/// A sequence of pseudorandom numbers.
+pub struct Dice(pub u64);
+
+impl Dice {
+    /// A number in [0, 1).
+    pub fn roll(&mut self) -> f32 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f32 / (1_u64 << 24) as f32
+    }
+
+    pub fn within(&mut self, range: Range<f32>) -> f32 {
+        range.start + (range.end - range.start) * self.roll()
+    }
+
+    /// One of so many, counted from 0.
+    pub fn pick(&mut self, count: usize) -> usize {
+        (self.roll() * count as f32) as usize
+    }
+
+    pub fn any<T: Clone>(&mut self, values: &[T]) -> T {
+        values[self.pick(values.len())].clone()
+    }
 }
 
 /// What tests give the sun unless they are about something else.
@@ -78,9 +107,14 @@ impl Stage {
 
     /// As [`Stage::with_app`], with another renderer.
     pub fn with_renderer(renderer: RenderPlugin, setup: impl FnOnce(&mut App)) -> Self {
+        Self::of_size(SIZE, renderer, setup)
+    }
+
+    /// As [`Stage::with_renderer`], with pictures of another size.
+    pub fn of_size(size: UVec2, renderer: RenderPlugin, setup: impl FnOnce(&mut App)) -> Self {
         let turn = take_turn();
         let format = TextureFormat::Rgba8UnormSrgb;
-        let headless = Headless::with_renderer(SIZE, format, renderer, |app| {
+        let headless = Headless::with_renderer(size, format, renderer, |app| {
             app.add_plugins(PssmPlugin)
                 .insert_resource(DirectionalLightShadowMap { size: 1024 })
                 .insert_resource(GlobalAmbientLight {
@@ -93,6 +127,7 @@ impl Stage {
         });
         let mut stage = Self {
             headless,
+            size,
             _turn: turn,
         };
         stage.headless.step();
@@ -193,6 +228,12 @@ impl Stage {
         }
         self.headless.settle();
         self.headless.picture()
+    }
+
+    /// The last frame's picture, whatever was still loading.
+    pub fn last_picture(&self) -> RgbaImage {
+        let picture = RgbaImage::from_raw(self.size.x, self.size.y, self.headless.read_back());
+        picture.expect("a picture")
     }
 }
 

@@ -103,6 +103,39 @@ impl Lens {
     }
 }
 
+impl Lens {
+    /// How thin what it shows is between two depths, and how far that reaches (meters).
+    fn extents(self, [near, far]: [f64; 2]) -> [f64; 2] {
+        let across = |fov: f32, aspect: f32, far: f64| {
+            let height = 2.0 * far * (0.5 * f64::from(fov).to_radians()).tan();
+            [height, height * f64::from(aspect)]
+        };
+        let (depths, [height, width]) = match self {
+            Self::Endless { fov, aspect, .. } => ([near, far], across(fov, aspect, far)),
+            Self::Ending {
+                fov,
+                aspect,
+                near: first,
+                far: last,
+            } => {
+                let far = far.min(last.into());
+                ([near.max(first.into()), far], across(fov, aspect, far))
+            }
+            Self::Orthographic {
+                height,
+                aspect,
+                near: first,
+                far: last,
+            } => {
+                let depths = [near.max(first.into()), far.min(last.into())];
+                (depths, [height, height * aspect].map(f64::from))
+            }
+        };
+        let deep = depths[1] - depths[0];
+        [deep.min(height).min(width), far.abs() + height + width]
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 pub enum Sun {
     Anywhere(DVec3),
@@ -200,6 +233,17 @@ pub struct Planned<'a> {
 }
 
 impl Case {
+    /// Whether no view is so thin that the GPU hardly tells its positions apart.
+    pub fn is_told_apart(&self) -> bool {
+        self.frames.iter().all(|frame| {
+            let config = &self.configs[frame.config % self.configs.len()];
+            let depths = [config.near, config.far].map(f64::from);
+            let [thin, reach] = self.lenses[frame.lens % self.lenses.len()].extents(depths);
+            let eye = self.eye.as_dvec3().abs().element_sum();
+            thin > 100.0 * ROUNDING * (eye + reach)
+        })
+    }
+
     /// Plans frame by frame, with one history for all. How many points were seen.
     pub fn run(&self, check: impl Fn(&Planned) -> Outcome) -> Result<usize, TestCaseError> {
         let first = volume_through(&self.lenses[0].clip_from_view(), self.eye, self.turn);

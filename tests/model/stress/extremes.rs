@@ -79,7 +79,7 @@ impl Case {
         }
     }
 
-    fn with_config(config: ParallelSplitShadows) -> Self {
+    pub fn with_config(config: ParallelSplitShadows) -> Self {
         Self {
             configs: vec![config],
             ..Self::ordinary()
