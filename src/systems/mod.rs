@@ -1,6 +1,7 @@
 //! Thin ECS systems: what is configured, what is planned and which casters are drawn.
 
 mod bounds;
+mod caster_state;
 mod changes;
 mod cull;
 mod diagnostics;
@@ -11,7 +12,8 @@ mod plan;
 mod publish;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
-pub use changes::{ChangedCasters, ShadowUpdates, find_changes};
+pub use caster_state::ShadowUpdates;
+pub use changes::{ChangedCasters, find_changes};
 pub use cull::{CascadeSet, CasterCascades, cull_casters};
 pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
@@ -35,7 +37,7 @@ use bevy::{
     transform::TransformSystems,
 };
 
-use changes::CasterRecord;
+use caster_state::CasterRecord;
 
 use crate::config::{ParallelSplitShadows, ShadowPreset};
 
