@@ -161,8 +161,8 @@ impl PlacedMap {
         })
     }
 
-    /// What lookups reach beyond what is shaded (meters): filters are square.
+    /// What lookups reach beyond what is shaded (meters): filters are square, and texels have corners.
     pub fn margin(&self, inputs: &PlanInputs) -> f64 {
-        inputs.reach.texels * self.texel.length()
+        (inputs.reach.texels + 1.0) * self.texel.length()
     }
 }
