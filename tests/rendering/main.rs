@@ -23,7 +23,6 @@ mod guests;
 mod hold;
 mod life_cycle;
 mod maps;
-mod neighbors;
 mod obstacles;
 mod scenes;
 mod shader_module;

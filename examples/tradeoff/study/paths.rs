@@ -10,11 +10,11 @@ use bevy::{
     platform::{collections::HashMap, sync::Arc},
     prelude::*,
 };
-use bevy_pssm::{MapUpdates, ParallelSplitShadows, ShadowPlans, plan::CascadePlan};
+use bevy_pssm::ShadowPlans;
 use serde::Serialize;
 
 use super::{
-    cost::triangles_of_cascades,
+    drawn::{DrawnShare, Work, percent},
     gather::Geometry,
     maps::{Map, maps_of},
     settings::{Setting, Technique},
@@ -146,24 +146,6 @@ pub struct Steadiness {
     pub drawn: DrawnShare,
 }
 
-/// In percent.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DrawnShare {
-    /// Of maps.
-    pub maps: f64,
-    /// Of their casters' triangles.
-    pub triangles: f64,
-}
-
-impl Default for DrawnShare {
-    fn default() -> Self {
-        Self {
-            maps: 100.0,
-            triangles: 100.0,
-        }
-    }
-}
-
 /// A frame of a path, as needed to read pictures of it.
 struct Waypoint {
     stance: Stance,
@@ -258,10 +240,7 @@ impl Studio {
             held,
             work: every,
         } = self.pass_along(route, setting);
-        let drawn = self.needed_work(route).map(|needed| DrawnShare {
-            maps: percent(needed.maps, every.maps),
-            triangles: percent(needed.triangles, every.triangles),
-        });
+        let drawn = self.share_drawn(&route.stances, every);
         let step = changes.len().div_ceil(MOST_CHANGES).max(1);
         let mut looked_at: Vec<usize> = regular_frames().collect();
         looked_at.extend(changes.iter().step_by(step));
@@ -299,7 +278,7 @@ impl Studio {
                 / all,
             grid_changes: changes.len(),
             wrong_pct: percent(sum.wrong, sum.points),
-            drawn: drawn.unwrap_or_default(),
+            drawn,
         }
     }
 
@@ -339,49 +318,6 @@ impl Studio {
         passage
     }
 
-    /// What is drawn along a path if maps are held; `None` for Bevy's, which never are.
-    fn needed_work(&mut self, route: &Route) -> Option<Work> {
-        self.set_updates(MapUpdates::WhenNeeded)?;
-        self.forget();
-        let mut needed = Work::default();
-        for stance in &route.stances {
-            self.pass(stance);
-            needed += self.work();
-        }
-        self.set_updates(MapUpdates::EveryFrame)?;
-        Some(needed)
-    }
-
-    fn set_updates(&mut self, updates: MapUpdates) -> Option<()> {
-        let sun = self.sun;
-        let mut shadows = self.world().get_mut::<ParallelSplitShadows>(sun)?;
-        shadows.comparison.updates = updates;
-        Some(())
-    }
-
-    /// What the plugin has to draw in this frame.
-    fn work(&mut self) -> Work {
-        let (camera, sun) = (self.camera, self.sun);
-        let world = self.world();
-        let plans = world.get::<ShadowPlans>(sun);
-        let Some(plans) = plans.and_then(|plans| plans.views.get(&camera)) else {
-            return Work::default();
-        };
-        let triangles = triangles_of_cascades(world, camera, sun);
-        let is_drawn = |plan: &CascadePlan| {
-            let map = plan.map.as_ref();
-            map.is_some_and(|map| map.redraw.is_some())
-        };
-        let drawn = plans
-            .iter()
-            .zip(triangles)
-            .filter(|(plan, _)| is_drawn(plan));
-        drawn.fold(Work::default(), |mut work, (_, triangles)| {
-            work += Work { maps: 1, triangles };
-            work
-        })
-    }
-
     /// What the plugin holds on to.
     fn held(&mut self) -> Option<ShadowPlans> {
         let sun = self.sun;
@@ -404,24 +340,6 @@ struct Passage {
     /// By frame that may be looked at, what was held before the frame before it.
     held: HashMap<usize, ShadowPlans>,
     work: Work,
-}
-
-/// Maps drawn, and what into them.
-#[derive(Default, Clone, Copy)]
-struct Work {
-    maps: usize,
-    triangles: usize,
-}
-
-impl core::ops::AddAssign for Work {
-    fn add_assign(&mut self, other: Self) {
-        self.maps += other.maps;
-        self.triangles += other.triangles;
-    }
-}
-
-fn percent(part: usize, whole: usize) -> f64 {
-    100.0 * part as f64 / whole.max(1) as f64
 }
 
 /// How points fared.
