@@ -29,8 +29,11 @@ const FACES: [[usize; 4]; 6] = [
     [3, 0, 4, 7],
 ];
 
-/// Corners this close to a plane lie on it (as a share of the body's extent).
+/// Corners this close to a plane lie on it (as a share of the body's size).
 const ON_PLANE: f64 = 1e-9;
+
+/// And those this close (as a share of the distance from the world's origin): rounding moves them so far.
+pub(crate) const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 impl ConvexBody {
     /// The whole slice.
@@ -117,7 +120,7 @@ impl ConvexBody {
 
     /// The part within all half-spaces.
     pub fn within(mut self, planes: impl IntoIterator<Item = HalfSpace>) -> Self {
-        let tolerance = ON_PLANE * self.extent();
+        let tolerance = self.tolerance();
         for plane in planes {
             let beyond = |corner: &DVec3| plane.normal.dot(*corner) - plane.distance;
             if self.corners.iter().any(|corner| beyond(corner) > tolerance) {
@@ -197,11 +200,14 @@ impl ConvexBody {
         }
     }
 
-    fn extent(&self) -> f64 {
+    /// How close to a plane corners lie on it (meters).
+    ///
+    /// A small part of its size, as far as rounding allows, however far from the origin it is: what lies within
+    /// less of a plane may be lost.
+    fn tolerance(&self) -> f64 {
         let (lo, hi) = self.bounds();
-        (hi - lo)
-            .max_element()
-            .max(lo.abs().max(hi.abs()).max_element())
+        let farthest = lo.abs().max(hi.abs()).max_element();
+        ON_PLANE * (hi - lo).max_element() + ROUNDING * farthest
     }
 
     /// Lower and upper corner of the smallest box around the body, in world space.

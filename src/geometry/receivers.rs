@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::{BVec4, DVec3, DVec4};
 
 use super::{
-    body::ConvexBody,
+    body::{ConvexBody, ROUNDING},
     half_space::HalfSpace,
     oriented_box::OrientedBox,
     slice::{Depth, Slice, ViewVolume},
@@ -240,11 +240,13 @@ impl SliceContent {
         }
         let center = 0.5 * (it.lo + it.hi).truncate();
         let half = 0.5 * (it.hi - it.lo).truncate();
+        // What is at the edge of a view that is hardly larger than that must not be lost.
+        let rounding = ROUNDING * center.abs().max_element();
         let mut is_inside = true;
         for plane in &self.planes {
             let beyond = plane.normal.dot(center) - plane.distance;
             let reach = plane.normal.abs().dot(half);
-            if beyond > reach {
+            if beyond > reach + rounding {
                 return;
             }
             is_inside &= beyond <= -reach;

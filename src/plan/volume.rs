@@ -4,7 +4,7 @@ use glam::{DVec3, DVec4};
 
 use super::{CascadeHistory, PlanInputs};
 use crate::geometry::{
-    body::ConvexBody,
+    body::{ConvexBody, ROUNDING},
     face::Wedge,
     half_space::HalfSpace,
     receivers::Extent,
@@ -53,7 +53,7 @@ impl CascadeVolume {
         }
         // A steady map's extent is held, not what it is fitted to.
         let found = if is_steady {
-            padded(found, self.slice.radius)
+            padded(inputs, found, self.slice.radius)
         } else {
             kept_extent(inputs, found, self.slice.radius, history)
         };
@@ -88,8 +88,10 @@ impl CascadeVolume {
 /// Bodies are at least this thick, as a share of the slice's radius: flat ones have no faces.
 const MIN_THICKNESS: f64 = 1e-4;
 
-fn padded(found: Extent, radius: f64) -> Extent {
-    let pad = DVec4::splat(MIN_THICKNESS * radius);
+/// Thicker, too, than what clipping takes for flat: what has been found must not be lost again.
+fn padded(inputs: &PlanInputs, found: Extent, radius: f64) -> Extent {
+    let rounding = 2.0 * ROUNDING * inputs.view.eye.abs().max_element();
+    let pad = DVec4::splat(rounding.max(MIN_THICKNESS * radius));
     Extent {
         lo: found.lo - pad,
         hi: found.hi + pad,
@@ -103,7 +105,7 @@ fn kept_extent(
     history: &mut CascadeHistory,
 ) -> Extent {
     let (slack, origin) = (inputs.slack(), inputs.light.origin);
-    let Extent { lo, hi } = padded(found, radius);
+    let Extent { lo, hi } = padded(inputs, found, radius);
     // In steps of what there is, which may be much less than the slice.
     let size = (hi - lo).truncate().max_element();
     let scale = (0.5 * size).log2().ceil().exp2().min(radius);

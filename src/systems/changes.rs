@@ -12,7 +12,7 @@ use bevy::{
     ecs::{
         entity::Entity,
         entity_disabling::Disabled,
-        lifecycle::{Remove, RemovedComponents},
+        lifecycle::{Add, Remove, RemovedComponents},
         message::MessageReader,
         observer::On,
         query::{Added, Changed, Or, With, Without},
@@ -56,6 +56,13 @@ impl ChangedCasters {
     /// Whether any mesh may receive shadows in another place than in the last frame.
     pub fn have_receivers_changed(&self) -> bool {
         self.have_receivers_changed
+    }
+
+    fn note_removed(&mut self, record: &mut CasterRecord) {
+        let record = core::mem::take(record);
+        if record != CasterRecord::Nothing {
+            self.removed.push(record);
+        }
     }
 }
 
@@ -132,11 +139,6 @@ pub fn find_changes(
         found.has_receiver |= core::mem::take(&mut of_thread.has_receiver);
     }
     let mut all = meshes.p1();
-    for entity in lost.enabled.read() {
-        if let Ok(mut it) = all.get_mut(entity) {
-            *it.record = CasterRecord::Nothing;
-        }
-    }
     if lost.updates.read().count() > 0 {
         found.casters.push(None);
     }
@@ -174,7 +176,7 @@ pub struct LostComponents<'w, 's> {
     ranges: RemovedComponents<'w, 's, VisibilityRange>,
     skins: RemovedComponents<'w, 's, SkinnedMesh>,
     morphs: RemovedComponents<'w, 's, MeshMorphWeights>,
-    enabled: RemovedComponents<'w, 's, Disabled>,
+    disabled: RemovedComponents<'w, 's, Disabled>,
     updates: RemovedComponents<'w, 's, ShadowUpdates>,
 }
 
@@ -192,12 +194,12 @@ impl LostComponents<'_, '_> {
         entities.extend(self.ranges.read());
         entities.extend(self.skins.read());
         entities.extend(self.morphs.read());
+        entities.extend(self.disabled.read());
         entities
     }
 
     fn clear(&mut self) {
         self.read();
-        self.enabled.clear();
         self.updates.clear();
     }
 }
@@ -230,9 +232,17 @@ pub(super) fn note_removed(
     mut changed: ResMut<ChangedCasters>,
 ) {
     if let Ok(mut record) = casters.get_mut(removed.entity) {
-        let record = core::mem::take(&mut *record);
-        if record != CasterRecord::Nothing {
-            changed.removed.push(record);
-        }
+        changed.note_removed(&mut record);
+    }
+}
+
+/// What is disabled is not found any more.
+pub(super) fn note_disabled(
+    disabled: On<Add<Disabled>>,
+    mut casters: Query<&mut CasterRecord, With<Disabled>>,
+    mut changed: ResMut<ChangedCasters>,
+) {
+    if let Ok(mut record) = casters.get_mut(disabled.entity) {
+        changed.note_removed(&mut record);
     }
 }

@@ -121,6 +121,7 @@ pub(crate) fn build(app: &mut App) {
         ),
     )
     .add_observer(changes::note_removed)
+    .add_observer(changes::note_disabled)
     .add_observer(plan::forget_cut_view)
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)

@@ -20,6 +20,8 @@ use super::{
     slice::{BodyVertex, ViewVolume},
 };
 
+use rounding::MOST_SLOPE;
+
 /// The frame of a warped map: orthonormal and right-handed, with its origin at the eye.
 ///
 /// It turns with the camera, so warped maps cannot be snapped to texels.
@@ -114,7 +116,8 @@ impl WarpFrame {
     }
 
     /// The plane that fits the body's vertices best: height towards the light at the eye, and its
-    /// change across and along the warp.
+    /// change across and along the warp. No steeper than [`MOST_SLOPE`]: thin slices that the light sees along
+    /// their length, nearly, have one that is nearly parallel to the light.
     fn middle_plane(&self, body: &[BodyVertex]) -> [f64; 3] {
         let local: Vec<DVec3> = body.iter().map(|vertex| self.local(vertex)).collect();
         let mean = local.iter().sum::<DVec3>() / local.len().max(1) as f64;
@@ -135,6 +138,7 @@ impl WarpFrame {
         } else {
             DVec2::ZERO
         };
+        let slope = slope.clamp_length_max(MOST_SLOPE);
         [mean.z - slope.dot(mean.truncate()), slope.x, slope.y]
     }
 

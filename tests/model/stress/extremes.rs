@@ -320,6 +320,130 @@ fn warps_lose_nothing_within_a_hundred_kilometers() {
     }
 }
 
+/// A fraction of a millimeter of flat ground, tens of kilometers from the origin: much larger than what `f64`
+/// tells apart there, and much smaller than a billionth of the distance.
+#[test]
+fn tiny_views_far_from_the_origin_lose_nothing() {
+    for distance in [4e4, 57_889.48] {
+        let case = Case {
+            lenses: vec![Lens::Ending {
+                fov: 0.1,
+                aspect: 1.0,
+                near: 7.5e-7,
+                far: 3e-4,
+            }],
+            eye: distance * Vec3::X,
+            turn: Quat::from_rotation_x(-0.876),
+            sun: Sun::Anywhere(DVec3::X),
+            scene: Scene::Coplanar(vec![Placed {
+                at: [0.0, 0.0, 0.8],
+                half: DVec3::splat(0.03),
+            }]),
+            ..Case::with_config(ParallelSplitShadows {
+                cascades: 1,
+                near: 8e-6,
+                far: 100.0,
+                slack: 0.0,
+                ..Default::default()
+            })
+        };
+        for yaw in 0..63 {
+            let yaw = 0.1 * yaw as f32;
+            let case = Case {
+                frames: vec![Frame { yaw, ..STILL }],
+                ..case.clone()
+            };
+            for fit in fits() {
+                let Some(case) = case.with_fit(&fit) else {
+                    continue;
+                };
+                let seen = case.run(nothing_is_missed);
+                assert!(
+                    matches!(seen, Ok(1..)),
+                    "{distance} {yaw} {fit:?}: {seen:?}"
+                );
+            }
+        }
+    }
+}
+
+/// A third of a millimeter thick and a hundred kilometers long, with the sun along that, nearly: the plane
+/// that fits best is nearly parallel to the light.
+#[test]
+fn thin_slices_along_the_light_keep_depths_in_order() {
+    for tilt in [1e-9, 3e-9, 1e-8] {
+        for yaw in [0.4, 1.0, 2.0, 2.6] {
+            for side in [0.0, 0.7, 2.0] {
+                let case = Case {
+                    lenses: vec![Lens::Orthographic {
+                        height: 6e4,
+                        aspect: 3.0,
+                        near: 0.0,
+                        far: 3e-4,
+                    }],
+                    eye: Vec3::ZERO,
+                    turn: Quat::from_euler(EulerRot::YXZ, yaw, -0.2, 0.0),
+                    sun: Sun::Beside {
+                        axis: 0,
+                        sign: -1.0,
+                        tilt,
+                        side,
+                    },
+                    scene: Scene::Everywhere,
+                    ..Case::with_config(ParallelSplitShadows {
+                        cascades: 1,
+                        near: 1e-5,
+                        far: 1e-3,
+                        fit: CascadeFit::Warped(MapWarp::Minimax),
+                        ..Default::default()
+                    })
+                };
+                let seen = case.run(maps_are_sound);
+                assert!(matches!(seen, Ok(1..)), "{tilt} {yaw} {side}: {seen:?}");
+            }
+        }
+    }
+}
+
+/// At the origin no texel is too small; but a wide view's far end is a hundred million times as large as the
+/// distance from the warp's nearest line to its center of projection.
+#[test]
+fn strong_warps_of_wide_views_keep_depths_in_order() {
+    let suns = [
+        DVec3::new(0.3, 0.7, -0.45),
+        DVec3::new(-0.5, 0.3, 0.2),
+        DVec3::new(0.1, 0.9, 0.3),
+        DVec3::new(-0.6, 0.2, -0.7),
+    ];
+    let near = 1e-5;
+    for fov in [150.0, 175.0] {
+        for yaw in [0.4, 1.0, 2.0, 2.6] {
+            for sun in suns {
+                let case = Case {
+                    lenses: vec![Lens::Endless {
+                        fov,
+                        aspect: 1.6,
+                        near,
+                    }],
+                    eye: Vec3::ZERO,
+                    turn: Quat::from_euler(EulerRot::YXZ, yaw, -0.2, 0.0),
+                    sun: Sun::Anywhere(sun),
+                    scene: Scene::Everywhere,
+                    ..Case::with_config(ParallelSplitShadows {
+                        cascades: 1,
+                        near,
+                        far: 1e3,
+                        fit: CascadeFit::Warped(MapWarp::Strength(1.0)),
+                        ..Default::default()
+                    })
+                };
+                let seen = case.run(maps_are_sound);
+                assert!(matches!(seen, Ok(1..)), "{fov} {yaw} {sun}: {seen:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn scenes_may_be_small_or_large() {
     let scaled = |half: f64| -> Vec<Placed> {
