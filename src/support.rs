@@ -73,7 +73,7 @@ pub enum Obstacle {
 
 /// What the GPU and Bevy allow, shared by both worlds and the preset loader.
 #[derive(Resource, Debug, Clone)]
-pub(crate) struct ShadowSupport(Arc<Inner>);
+pub struct ShadowSupport(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
@@ -128,6 +128,11 @@ impl ShadowSupport {
     /// Whether layers or slots have run out, so that Bevy's pass draws the cascades for now.
     pub fn is_out_of_room(&self) -> bool {
         self.0.is_out_of_room.load(Ordering::Relaxed)
+    }
+
+    /// Whether the plugin draws all cascades.
+    pub fn draws_maps(&self) -> bool {
+        self.may_take_over() && !self.is_out_of_room()
     }
 
     pub fn set_out_of_room(&self, is_out_of_room: bool) {

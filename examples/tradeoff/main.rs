@@ -289,6 +289,7 @@ fn follow(
                 wrong_pct: rounded(found.wrong_pct),
                 maps_drawn_pct: rounded(found.drawn.maps),
                 triangles_drawn_pct: rounded(found.drawn.triangles),
+                triangles_drawn_moving_pct: rounded(found.drawn.triangles_moving),
             });
         }
     }

@@ -1,6 +1,6 @@
 //! Which maps stay as they are: what a layer holds, what is needed of it now, and what has changed.
 
-use glam::{DMat3, DVec2, DVec3, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::MapUpdates;
@@ -19,7 +19,7 @@ pub enum Redraw {
     Size,
     /// What receives shadows has left what the map covers.
     Moved,
-    /// A caster that matters to it has changed.
+    /// A caster that it holds, or is to hold, has changed.
     Casters,
     /// The settings say so.
     EveryFrame,
@@ -44,8 +44,6 @@ pub(super) struct HeldMap {
     /// Of what was to be covered, in world space.
     center: DVec3,
     map: CascadeMap,
-    /// Where casters have changed since, out of the reach of what has been seen until now.
-    stale: StaleBoxes,
     /// It has outlived the frame that it was drawn in.
     has_lasted: bool,
 }
@@ -53,7 +51,7 @@ pub(super) struct HeldMap {
 impl HeldMap {
     /// Why it cannot stand in for the one that is wanted, if it cannot.
     fn why_redraw(
-        &mut self,
+        &self,
         inputs: &PlanInputs,
         volume: &CascadeVolume,
         wanted: &PlacedMap,
@@ -72,7 +70,7 @@ impl HeldMap {
             Some(Redraw::Light)
         } else if self.size != size || self.placed.fit != wanted.fit || !is_same_texel {
             Some(Redraw::Size)
-        } else if self.has_stale_casters(inputs, volume, wanted) {
+        } else if self.has_stale_casters(inputs) {
             Some(Redraw::Casters)
         } else if !covers || !self.map.hull.contains(&volume.body, wanted.margin(inputs)) {
             Some(Redraw::Moved)
@@ -81,65 +79,14 @@ impl HeldMap {
         }
     }
 
-    /// Whether casters have changed that matter to what is seen. Others that the map holds are noted: they may
-    /// come to matter.
-    fn has_stale_casters(
-        &mut self,
-        inputs: &PlanInputs,
-        volume: &CascadeVolume,
-        wanted: &PlacedMap,
-    ) -> bool {
-        let CasterChanges::At(changed) = inputs.changes else {
-            return true;
-        };
-        if changed.is_empty() && self.stale.0.is_empty() {
-            return false;
-        }
-        let hull = CasterHull::new(&volume.body, inputs.light.z, wanted.margin(inputs));
-        let in_map = changed
-            .iter()
-            .filter(|bounds| self.map.hull.intersects_box(bounds));
-        in_map.for_each(|bounds| self.stale.add(bounds));
-        self.stale.0.len() > StaleBoxes::MOST
-            || self
-                .stale
-                .0
+    /// Whether casters have changed that it holds, or that matter to what is seen.
+    fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
+        match inputs.changes {
+            CasterChanges::Anywhere => true,
+            CasterChanges::At(changed) => changed
                 .iter()
-                .any(|bounds| hull.intersects_box(bounds))
-    }
-}
-
-/// Boxes along the world's axes, none of which meets another when it is added.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct StaleBoxes(Vec<OrientedBox>);
-
-impl StaleBoxes {
-    /// So many places are not worth telling apart.
-    const MOST: usize = 64;
-
-    /// What moves leaves one trail.
-    fn add(&mut self, bounds: &OrientedBox) {
-        let half = |it: &OrientedBox| {
-            DVec3::new(it.reach(DVec3::X), it.reach(DVec3::Y), it.reach(DVec3::Z))
-        };
-        let meets = |it: &&mut OrientedBox| {
-            let apart = (it.center - bounds.center).abs();
-            apart.cmple(half(it) + half(bounds)).all()
-        };
-        let Some(met) = self.0.iter_mut().find(meets) else {
-            let half_axes = DMat3::from_diagonal(half(bounds));
-            self.0.push(OrientedBox {
-                half_axes,
-                ..*bounds
-            });
-            return;
-        };
-        let lo = (met.center - half(met)).min(bounds.center - half(bounds));
-        let hi = (met.center + half(met)).max(bounds.center + half(bounds));
-        *met = OrientedBox {
-            center: 0.5 * (lo + hi),
-            half_axes: DMat3::from_diagonal(0.5 * (hi - lo)),
-        };
+                .any(|bounds| self.map.hull.intersects_box(bounds)),
+        }
     }
 }
 
@@ -212,7 +159,7 @@ pub(super) fn hold(
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
     let margin = wanted.margin(inputs);
-    let redraw = held.as_mut().map_or(Some(Redraw::New), |held| {
+    let redraw = held.as_ref().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
     if let Some(redraw) = redraw {
@@ -223,7 +170,6 @@ pub(super) fn hold(
             size,
             light: *inputs.light,
             center: volume.body.center(),
-            stale: StaleBoxes::default(),
             has_lasted: false,
         });
     }

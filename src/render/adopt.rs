@@ -35,7 +35,8 @@ use super::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
-    pass::DrawShadowMap,
+    moving::MovingViews,
+    pass::{DrawBoth, DrawShadowMap},
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
@@ -110,6 +111,7 @@ pub(super) struct Adoptable<'w, 's> {
         With<ExtractedDirectionalLight>,
     >,
     adopted_cameras: Query<'w, 's, Entity, With<AdoptedLights>>,
+    moving: Res<'w, MovingViews>,
 }
 
 pub(super) fn adopt_views(
@@ -263,7 +265,11 @@ impl Adoptable<'_, '_> {
                     commands.entity(view).insert(map);
                 }
                 // A spot light's view is a root of Bevy's already.
-                let label = DrawShadowMap.intern();
+                let label = if self.moving.are_over(view) {
+                    DrawBoth.intern()
+                } else {
+                    DrawShadowMap.intern()
+                };
                 let is_root = it.root.is_some_and(|root| root.0 == label);
                 if !is_root && map.spot_index.is_none() {
                     commands.entity(view).insert(RootNonCameraView(label));

@@ -24,10 +24,10 @@ use bevy::{
 
 use super::options::LookupOptions;
 use crate::{
-    config::MIN_MAP_SIZE,
+    config::{MAX_CASCADES, MIN_MAP_SIZE},
     debug::ShadowOverlay,
     plan::CascadePlan,
-    systems::{ManagedLight, ShadowPlans, ShadowUpdates, empty_cascade},
+    systems::{CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, empty_cascade},
 };
 
 /// What the render world needs to know of the managed lights' plans.
@@ -46,6 +46,8 @@ pub(crate) struct ExtractedLight {
     pub options: LookupOptions,
     /// By camera: its cascades.
     pub views: MainEntityHashMap<Vec<ExtractedCascade>>,
+    /// By camera: for each cascade the casters that move, in the order of their entities.
+    pub moving: MainEntityHashMap<[Vec<MainEntity>; MAX_CASCADES]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,6 +119,7 @@ pub(super) struct LightToExtract {
     plans: &'static ShadowPlans,
     light: &'static DirectionalLight,
     updates: Option<&'static ShadowUpdates>,
+    casters: &'static CasterCascades,
 }
 
 pub(super) fn extract_shadows(
@@ -144,10 +147,24 @@ pub(super) fn extract_shadows(
             (MainEntity::from(*view), cascades)
         });
         let views = views.collect();
+        let moving = it.casters.moving.iter().map(|(view, casters)| {
+            let of_cascade = |index| {
+                let inside = casters.iter().filter(|(_, set)| set.contains(index));
+                inside
+                    .map(|(caster, _)| MainEntity::from(*caster))
+                    .collect()
+            };
+            (MainEntity::from(*view), core::array::from_fn(of_cascade))
+        });
+        let moving = moving.collect();
         let options = LookupOptions::new(config, it.light);
         extracted.lights.insert(
             MainEntity::from(it.entity),
-            ExtractedLight { options, views },
+            ExtractedLight {
+                options,
+                views,
+                moving,
+            },
         );
     }
 }

@@ -56,6 +56,7 @@ struct Content {
     size: [u32; 2],
     /// Of the target.
     generation: u64,
+    is_apart: bool,
     clip_from_world: Mat4,
 }
 
@@ -65,9 +66,17 @@ const WHOLE_AT_LEAST: u32 = 2;
 impl DrawnMaps {
     /// Whether a view's layer stays as it is in this frame and holds anything.
     pub fn holds_casters(&self, view: Entity) -> bool {
-        self.maps
-            .get(&view)
-            .is_some_and(|map| map.is_held && !map.is_empty)
+        self.is_held(view) && !self.is_empty(view)
+    }
+
+    /// Whether a view's layer stays as it is in this frame.
+    pub fn is_held(&self, view: Entity) -> bool {
+        self.maps.get(&view).is_some_and(|map| map.is_held)
+    }
+
+    /// Whether a view has no casters, so that nothing is drawn.
+    pub fn is_empty(&self, view: Entity) -> bool {
+        self.maps.get(&view).is_none_or(|map| map.is_empty)
     }
 }
 
@@ -145,6 +154,7 @@ pub(super) fn hold_maps(
             layer: it.map.layer,
             size: it.map.size.to_array(),
             generation: target.generation(),
+            is_apart: target.apart(it.map.layer).is_some(),
             clip_from_world: it.extracted.clip_from_world.unwrap_or_default(),
         };
         let view = it.extracted.retained_view_entity;

@@ -10,6 +10,7 @@ mod displaced;
 mod extract;
 mod hold;
 mod layout;
+mod moving;
 mod options;
 mod pass;
 mod pipelines;
@@ -30,7 +31,8 @@ use bevy::{
     ecs::schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
     pbr::{
         GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS,
-        RenderMaterialInstances, extract_lights, main_build_indirect_parameters, prepare_lights,
+        RenderMaterialInstances, check_views_lights_need_specialization, extract_lights,
+        main_build_indirect_parameters, prepare_lights,
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
@@ -84,7 +86,7 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()
         .init_gpu_resource::<hold::DrawnMaps>()
-        .add_schedule(pass::schedule())
+        .init_resource::<moving::MovingViews>()
         .add_systems(
             ExtractSchedule,
             (
@@ -103,9 +105,16 @@ pub(crate) fn build(app: &mut App) {
                 )
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
-                adopt::adopt_views.in_set(PssmRenderSystems::AdoptViews),
+                moving::add_moving_views
+                    .in_set(RenderSystems::CreateViews)
+                    .after(prepare_lights)
+                    .before(check_views_lights_need_specialization),
+                (adopt::adopt_views, moving::make_room_apart)
+                    .chain()
+                    .in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
-                hold::hold_maps
+                (hold::hold_maps, moving::choose_moving_views)
+                    .chain()
                     .in_set(RenderSystems::PhaseSort)
                     .after(RenderSystems::Queue),
                 hold::note_whole_maps
@@ -136,6 +145,9 @@ pub(crate) fn build(app: &mut App) {
                 .before(Core3dSystems::MainPass),
         )
         .add_systems(Core3d, shadow_map_pass.in_set(PssmRenderSystems::DrawMaps));
+    for schedule in pass::schedules() {
+        render_app.add_schedule(schedule);
+    }
 }
 
 pub(crate) fn finish(app: &mut App) {

@@ -7,7 +7,7 @@ use bevy::{
             IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel,
             common_conditions::resource_exists,
         },
-        system::Res,
+        system::{Query, Res, ScheduleSystem},
         world::World,
     },
     log::error,
@@ -17,16 +17,23 @@ use bevy::{
     },
     render::{
         diagnostic::RecordDiagnostics,
-        render_phase::ViewBinnedRenderPhases,
+        render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
         render_resource::{
             LoadOp, Operations, RenderPassDepthStencilAttachment, RenderPassDescriptor, StoreOp,
+            TextureView,
         },
         renderer::{RenderContext, ViewQuery},
         view::ExtractedView,
     },
 };
 
-use super::{PssmRenderSystems, layout::AdoptedMap, target::ShadowTarget};
+use super::{
+    PssmRenderSystems,
+    hold::DrawnMaps,
+    layout::AdoptedMap,
+    moving::{MovingView, draw_both},
+    target::ShadowTarget,
+};
 
 /// Name under which `RenderDiagnosticsPlugin` reports map `i` of the target (the first camera's
 /// cascades come first): `render/pssm_shadow_map_{i}/elapsed_gpu`, `…/vertex_shader_invocations`
@@ -37,9 +44,33 @@ pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub struct DrawShadowMap;
 
+/// The schedule that draws what moves over a copy of what rests in such a map.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct DrawMovingCasters;
+
+/// The schedule of a map in which something moves, and what rests is drawn anew: both, one after the other.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct DrawBoth;
+
+pub(super) fn schedules() -> [Schedule; 3] {
+    let mut both = Schedule::new(DrawBoth);
+    both.add_systems(draw_both);
+    [
+        map_schedule(
+            DrawShadowMap,
+            shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
+        ),
+        map_schedule(DrawMovingCasters, moving_casters_pass),
+        both,
+    ]
+}
+
 /// What a map takes: Bevy's preprocessing of what is in it, and the pass.
-pub(super) fn schedule() -> Schedule {
-    let mut schedule = Schedule::new(DrawShadowMap);
+fn map_schedule<M>(
+    label: impl ScheduleLabel,
+    pass: impl IntoScheduleConfigs<ScheduleSystem, M>,
+) -> Schedule {
+    let mut schedule = Schedule::new(label);
     schedule.set_build_settings(ScheduleBuildSettings {
         auto_insert_apply_deferred: false,
         ..Default::default()
@@ -55,7 +86,7 @@ pub(super) fn schedule() -> Schedule {
             preprocessing
                 .chain()
                 .run_if(resource_exists::<PreprocessPipelines>),
-            shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
+            pass,
         )
             .chain(),
     );
@@ -72,25 +103,69 @@ pub fn shadow_map_pass(
     mut ctx: RenderContext,
 ) {
     let (entity, map, extracted_view) = view.into_inner();
+    let apart = target.apart(map.layer).map(|apart| &apart.view);
     let (Some(phase), Some(layer)) = (
         phases.get(&extracted_view.retained_view_entity),
-        target.layer(map.layer),
+        apart.or(target.layer(map.layer)),
     ) else {
         return;
     };
     if map.skip_if_empty && phase.is_empty() {
         return;
     }
+    // Reverse z: nothing is farther than 0.
+    let load = LoadOp::Clear(0.0);
+    draw(&mut ctx, world, entity, map, phase, layer, load);
+}
 
+/// Draws what moves over a copy of what rests.
+fn moving_casters_pass(
+    world: &World,
+    view: ViewQuery<(Entity, &MovingView, &ExtractedView)>,
+    maps: Query<&AdoptedMap>,
+    drawn: Res<DrawnMaps>,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    target: Res<ShadowTarget>,
+    mut ctx: RenderContext,
+) {
+    let (entity, moving, extracted_view) = view.into_inner();
+    let Ok(map) = maps.get(moving.of) else {
+        return;
+    };
+    let (Some(phase), Some(layer)) = (
+        phases.get(&extracted_view.retained_view_entity),
+        target.layer(map.layer),
+    ) else {
+        return;
+    };
+    // Where nothing rests, nothing has been drawn.
+    let load = if drawn.is_empty(moving.of) {
+        LoadOp::Clear(0.0)
+    } else {
+        target.copy_from_apart(ctx.command_encoder(), map.layer);
+        LoadOp::Load
+    };
+    draw(&mut ctx, world, entity, map, phase, layer, load);
+}
+
+/// Draws a phase into a map's layer.
+fn draw(
+    ctx: &mut RenderContext,
+    world: &World,
+    view: Entity,
+    map: &AdoptedMap,
+    phase: &BinnedRenderPhase<Shadow>,
+    layer: &TextureView,
+    load: LoadOp<f32>,
+) {
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
         label: Some(SHADOW_PASS_SPAN),
         depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
             view: layer,
-            // Reverse z: nothing is farther than 0.
             depth_ops: Some(Operations {
-                load: LoadOp::Clear(0.0),
+                load,
                 store: StoreOp::Store,
             }),
             stencil_ops: None,
@@ -101,7 +176,7 @@ pub fn shadow_map_pass(
     let [width, height] = map.size.to_array();
     pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
     pass.set_scissor_rect(0, 0, width, height);
-    if let Err(err) = phase.render(&mut pass, world, entity) {
+    if let Err(err) = phase.render(&mut pass, world, view) {
         error!("Could not draw shadow casters: {err:?}");
     }
     span.end(&mut pass);

@@ -4,10 +4,11 @@ use bevy::{
     ecs::resource::Resource,
     math::UVec2,
     pbr::CORE_3D_SHADOW_MAP_FORMAT,
+    platform::collections::{HashMap, HashSet},
     render::{
         render_resource::{
-            Extent3d, Texture, TextureAspect, TextureDescriptor, TextureDimension, TextureUsages,
-            TextureView, TextureViewDescriptor, TextureViewDimension,
+            CommandEncoder, Extent3d, Texture, TextureAspect, TextureDescriptor, TextureDimension,
+            TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
         },
         renderer::RenderDevice,
     },
@@ -22,6 +23,8 @@ const SHRINK_DELAY: u32 = 60;
 pub struct ShadowTarget {
     texture: Option<Texture>,
     layers: Vec<TextureView>,
+    /// By layer: what rests in maps in which something moves.
+    apart: HashMap<u32, Apart>,
     /// For how many frames in a row there have been more layers than maps.
     frames_too_many: u32,
     /// Counts textures: layers of another hold nothing yet.
@@ -32,10 +35,49 @@ pub struct ShadowTarget {
     pub(super) built_in_size: u32,
 }
 
+/// A copy of a layer that holds only what rests.
+#[derive(Debug)]
+pub(super) struct Apart {
+    texture: Texture,
+    pub view: TextureView,
+}
+
 impl ShadowTarget {
     /// One layer of the array; `None` past its end.
     pub fn layer(&self, layer: u32) -> Option<&TextureView> {
         self.layers.get(layer as usize)
+    }
+
+    pub(super) fn apart(&self, layer: u32) -> Option<&Apart> {
+        self.apart.get(&layer)
+    }
+
+    /// Has what rests in these layers, and in no others, drawn apart from them.
+    pub(super) fn keep_apart(&mut self, device: &RenderDevice, layers: HashSet<u32>) {
+        self.apart.retain(|layer, _| layers.contains(layer));
+        for layer in layers {
+            let size = self.size;
+            self.apart.entry(layer).or_insert_with(|| {
+                let texture = depth_array(device, "pssm_resting_casters", size, 1);
+                let view = layer_view(&texture, 0);
+                Apart { texture, view }
+            });
+        }
+    }
+
+    /// Copies what rests into a layer: all of it, as WebGPU copies depth.
+    pub(super) fn copy_from_apart(&self, encoder: &mut CommandEncoder, layer: u32) {
+        let (Some(texture), Some(apart)) = (&self.texture, self.apart.get(&layer)) else {
+            return;
+        };
+        let mut to = texture.as_image_copy();
+        to.origin.z = layer;
+        let extent = Extent3d {
+            width: self.size.x,
+            height: self.size.y,
+            depth_or_array_layers: 1,
+        };
+        encoder.copy_texture_to_texture(apart.texture.as_image_copy(), to, extent);
     }
 
     pub(super) fn generation(&self) -> u64 {
@@ -76,34 +118,40 @@ impl ShadowTarget {
         let fits = self.size == size && present >= layers && self.frames_too_many < SHRINK_DELAY;
         if !fits {
             self.texture = None;
+            self.apart.clear();
             self.generation += 1;
             self.frames_too_many = 0;
         }
         self.size = size;
         let (views, texture) = (&mut self.layers, &mut self.texture);
         texture.get_or_insert_with(|| {
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some("pssm_shadow_maps"),
-                size: Extent3d {
-                    width: size.x,
-                    height: size.y,
-                    depth_or_array_layers: layers,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: CORE_3D_SHADOW_MAP_FORMAT,
-                usage: TextureUsages::RENDER_ATTACHMENT
-                    | TextureUsages::TEXTURE_BINDING
-                    | TextureUsages::COPY_SRC,
-                view_formats: &[],
-            });
+            let texture = depth_array(device, "pssm_shadow_maps", size, layers);
             *views = (0..layers)
                 .map(|layer| layer_view(&texture, layer))
                 .collect();
             texture
         })
     }
+}
+
+fn depth_array(device: &RenderDevice, label: &str, size: UVec2, layers: u32) -> Texture {
+    device.create_texture(&TextureDescriptor {
+        label: Some(label),
+        size: Extent3d {
+            width: size.x,
+            height: size.y,
+            depth_or_array_layers: layers,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: TextureDimension::D2,
+        format: CORE_3D_SHADOW_MAP_FORMAT,
+        usage: TextureUsages::RENDER_ATTACHMENT
+            | TextureUsages::TEXTURE_BINDING
+            | TextureUsages::COPY_SRC
+            | TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
 }
 
 fn layer_view(texture: &Texture, layer: u32) -> TextureView {

@@ -26,6 +26,7 @@ use super::{
     ExtractedShadows,
     hold::DrawnMaps,
     layout::{AdoptedLight, AdoptedLights},
+    moving::MovingViews,
     options::LookupOptions,
     target::ShadowTarget,
 };
@@ -60,6 +61,7 @@ pub(super) fn write_uniforms(
     extracted: Res<ExtractedShadows>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
     drawn: Res<DrawnMaps>,
+    moving: Res<MovingViews>,
     cameras: Query<(&ViewLightsUniformOffset, &AdoptedLights), With<ExtractedView>>,
     views: Query<&ExtractedView>,
 ) {
@@ -69,6 +71,7 @@ pub(super) fn write_uniforms(
     let is_drawn = |view| {
         let drawn_now = views.get(view).ok();
         drawn.holds_casters(view)
+            || moving.hold_casters(view)
             || drawn_now
                 .and_then(|view| phases.get(&view.retained_view_entity))
                 .is_some_and(|phase| !phase.is_empty())

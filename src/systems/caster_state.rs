@@ -29,7 +29,10 @@ use bevy::{
     transform::components::GlobalTransform,
 };
 
-use super::bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds};
+use super::{
+    bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
+    moving::MovingCasters,
+};
 use crate::geometry::oriented_box::OrientedBox;
 
 /// How often a caster's shadow is drawn anew. Without it: when it has changed ([`Self::Automatic`]).
@@ -92,6 +95,20 @@ impl CasterRecord {
                 Some(world_bounds(aabb, &state.transform, *margin))
             }),
         }
+    }
+
+    /// Whether it is the same somewhere else.
+    fn differs_by_place(&self, other: &Self) -> bool {
+        let (Self::Known(one), Self::Known(other)) = (self, other) else {
+            return false;
+        };
+        one.transform != other.transform
+            && *one
+                == CasterState {
+                    transform: one.transform,
+                    bounds: one.bounds,
+                    ..other.clone()
+                }
     }
 }
 
@@ -163,18 +180,24 @@ impl Surroundings<'_, '_> {
 pub struct Found {
     /// Where casters were and are; `None` for anywhere.
     pub casters: Vec<Option<OrientedBox>>,
+    /// Casters that have moved, or bent.
+    pub moving: Vec<Entity>,
+    /// Casters that are to count as resting, whatever they do.
+    pub resting: Vec<Entity>,
     pub has_receiver: bool,
 }
 
 impl Found {
-    /// Compares a mesh with what it was.
+    /// Compares a mesh with what it was. `known_moving` have been found moving before: no map of what rests
+    /// holds them.
     pub fn compare(
         &mut self,
         it: &mut ChangingCasterItem,
         surroundings: &Surroundings,
         displaced: &EntityHashSet,
+        known_moving: &MovingCasters,
     ) {
-        if self.casters.len() > MOST {
+        if self.casters.len() + self.moving.len() > MOST {
             self.has_receiver = true;
             *it.record.bypass_change_detection() = CasterRecord::Unknown;
             return;
@@ -204,9 +227,12 @@ impl Found {
             .as_ref()
             .map_or_else(ShadowUpdates::default, |it| **it);
         let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
-        if has_new_updates && updates != ShadowUpdates::Never {
-            // Maps may have it where it was long ago.
-            self.casters.push(None);
+        if has_new_updates {
+            match updates {
+                ShadowUpdates::Never => self.resting.push(it.entity),
+                // Maps may have it where it was long ago.
+                ShadowUpdates::Automatic | ShadowUpdates::Always => self.casters.push(None),
+            }
         }
         let is_restless = match updates {
             ShadowUpdates::Automatic => {
@@ -219,9 +245,15 @@ impl Found {
         let is_same = *record == state;
         self.has_receiver |= !is_same;
         if is_restless || !is_same && updates != ShadowUpdates::Never {
-            self.casters.extend(state.caster());
-            if !is_same {
-                self.casters.extend(record.caster());
+            let moves = is_restless || record.differs_by_place(&state);
+            if moves && !it.is_gpu_culled {
+                self.moving.push(it.entity);
+            }
+            if !known_moving.contains(it.entity) || it.is_gpu_culled {
+                self.casters.extend(state.caster());
+                if !is_same {
+                    self.casters.extend(record.caster());
+                }
             }
         }
         if !is_same {

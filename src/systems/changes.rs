@@ -33,6 +33,7 @@ use super::{
     ManagedLight,
     bounds::BoundsMargin,
     caster_state::{CasterRecord, ChangingCaster, Found, MOST, ShadowUpdates, Surroundings},
+    moving::MovingCasters,
 };
 use crate::plan::CasterChanges;
 
@@ -40,6 +41,8 @@ use crate::plan::CasterChanges;
 #[derive(Resource, Debug, Default)]
 pub struct ChangedCasters {
     changes: CasterChanges,
+    /// What changes in these is no change of the maps of what rests.
+    moving: MovingCasters,
     /// Whether anything has changed of what meshes receive shadows with.
     have_receivers_changed: bool,
     /// What has gone since then.
@@ -49,8 +52,13 @@ pub struct ChangedCasters {
 }
 
 impl ChangedCasters {
+    /// Of casters that rest, those included that have begun or ceased to move.
     pub fn get(&self) -> &CasterChanges {
         &self.changes
+    }
+
+    pub fn moving(&self) -> &MovingCasters {
+        &self.moving
     }
 
     /// Whether any mesh may receive shadows in another place than in the last frame.
@@ -58,9 +66,9 @@ impl ChangedCasters {
         self.have_receivers_changed
     }
 
-    fn note_removed(&mut self, record: &mut CasterRecord) {
+    fn note_removed(&mut self, caster: Entity, record: &mut CasterRecord) {
         let record = core::mem::take(record);
-        if record != CasterRecord::Nothing {
+        if !self.moving.remove(caster) && record != CasterRecord::Nothing {
             self.removed.push(record);
         }
     }
@@ -109,26 +117,28 @@ pub fn find_changes(
     if lights.is_empty() {
         lost.clear();
         changed.removed.clear();
+        changed.moving.clear();
         changed.changes = CasterChanges::Anywhere;
         changed.have_receivers_changed = true;
         *was_idle = true;
         return;
     }
+    let changed = &mut *changed;
     let displaced = surroundings.displaced.get();
     if core::mem::take(&mut *was_idle) {
         // Nobody has looked at them in the meantime.
         meshes.p1().par_iter_mut().for_each_init(
             || local.borrow_local_mut(),
-            |found, mut it| found.compare(&mut it, &surroundings, &displaced),
+            |found, mut it| found.compare(&mut it, &surroundings, &displaced, &changed.moving),
         );
     }
     meshes.p0().par_iter_mut().for_each_init(
         || local.borrow_local_mut(),
-        |found, mut it| found.compare(&mut it, &surroundings, &displaced),
+        |found, mut it| found.compare(&mut it, &surroundings, &displaced, &changed.moving),
     );
     let mut found = Found {
         has_receiver: !changed.removed.is_empty(),
-        casters: Vec::new(),
+        ..Found::default()
     };
     let removed = changed.removed.drain(..);
     found
@@ -136,6 +146,8 @@ pub fn find_changes(
         .extend(removed.filter_map(|record| record.caster()));
     for of_thread in local.iter_mut() {
         found.casters.append(&mut of_thread.casters);
+        found.moving.append(&mut of_thread.moving);
+        found.resting.append(&mut of_thread.resting);
         found.has_receiver |= core::mem::take(&mut of_thread.has_receiver);
     }
     let mut all = meshes.p1();
@@ -145,7 +157,7 @@ pub fn find_changes(
     let entities = lost.read().into_iter().chain(displaced.iter().copied());
     for entity in entities {
         if let Ok(mut it) = all.get_mut(entity) {
-            found.compare(&mut it, &surroundings, &displaced);
+            found.compare(&mut it, &surroundings, &displaced, &changed.moving);
         }
     }
     if core::mem::take(&mut changed.has_new_mask) {
@@ -157,9 +169,19 @@ pub fn find_changes(
         commands.entity(entity).try_insert(CasterRecord::default());
     }
     changed.have_receivers_changed = found.has_receiver;
-    let bounds = (found.casters.len() <= MOST).then(|| found.casters.into_iter().collect());
-    let bounds: Option<Vec<_>> = bounds.flatten();
-    changed.changes = bounds.map_or(CasterChanges::Anywhere, CasterChanges::At);
+    changed.changes = if found.casters.len() + found.moving.len() > MOST {
+        changed.moving.clear();
+        CasterChanges::Anywhere
+    } else {
+        let stopped = found.resting.into_iter();
+        let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
+        let resting = changed.moving.update(found.moving).into_iter();
+        let resting = resting
+            .chain(stopped)
+            .filter_map(|caster| all.get(caster).ok()?.record.caster());
+        let bounds: Option<Vec<_>> = found.casters.into_iter().chain(resting).collect();
+        bounds.map_or(CasterChanges::Anywhere, CasterChanges::At)
+    };
 }
 
 /// Components whose loss changes a shadow.
@@ -231,8 +253,9 @@ pub(super) fn note_removed(
     mut casters: Query<&mut CasterRecord>,
     mut changed: ResMut<ChangedCasters>,
 ) {
-    if let Ok(mut record) = casters.get_mut(removed.entity) {
-        changed.note_removed(&mut record);
+    let entity = removed.entity;
+    if let Ok(mut record) = casters.get_mut(entity) {
+        changed.note_removed(entity, &mut record);
     }
 }
 
@@ -242,7 +265,8 @@ pub(super) fn note_disabled(
     mut casters: Query<&mut CasterRecord, With<Disabled>>,
     mut changed: ResMut<ChangedCasters>,
 ) {
-    if let Ok(mut record) = casters.get_mut(disabled.entity) {
-        changed.note_removed(&mut record);
+    let entity = disabled.entity;
+    if let Ok(mut record) = casters.get_mut(entity) {
+        changed.note_removed(entity, &mut record);
     }
 }

@@ -11,7 +11,7 @@ use bevy::{
     },
     ecs::{
         component::Component,
-        entity::{Entity, EntityHashMap},
+        entity::{Entity, EntityHashMap, EntityHashSet},
         query::{Has, QueryData, With, Without},
         system::{Local, ParamSet, Query, Res},
     },
@@ -23,13 +23,15 @@ use bevy::{
 };
 
 use super::{
-    ManagedLight, ShadowPlans,
+    ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
     bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, world_bounds},
+    moving::MovingCasters,
     publish::{empty_cascade, published_cascade},
 };
 use crate::{
-    config::{CasterCulling, MAX_CASCADES},
+    config::{CasterCulling, MAX_CASCADES, MapUpdates},
     plan::{CascadeMap, CascadePlan},
+    support::ShadowSupport,
 };
 
 /// The cascades that a caster is drawn into.
@@ -71,19 +73,23 @@ impl CascadeSet {
 /// Where a managed light draws its casters, for each active 3D camera.
 #[derive(Component, Debug, Default, Clone)]
 pub struct CasterCascades {
-    /// By camera: casters in the order of their entities. Casters that are drawn into no
+    /// By camera: casters that maps hold, in the order of their entities. Casters that are drawn into no
     /// cascade are absent, and those with `NoCpuCulling`, which only the GPU culls.
     pub views: EntityHashMap<Vec<(Entity, CascadeSet)>>,
+    /// By camera: casters that move, in the order of their entities. They are drawn over maps in each frame.
+    pub moving: EntityHashMap<Vec<(Entity, CascadeSet)>>,
 }
 
 impl CasterCascades {
     /// The cascades that `caster` is drawn into for camera `view`; `None` if it is in none.
     pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeSet> {
-        let casters = self.views.get(&view)?;
-        let index = casters
-            .binary_search_by_key(&caster, |(entity, _)| *entity)
-            .ok()?;
-        Some(casters[index].1)
+        [&self.views, &self.moving].into_iter().find_map(|views| {
+            let casters = views.get(&view)?;
+            let index = casters
+                .binary_search_by_key(&caster, |(entity, _)| *entity)
+                .ok()?;
+            Some(casters[index].1)
+        })
     }
 }
 
@@ -116,10 +122,55 @@ pub struct CulledLight {
     plans: &'static ShadowPlans,
     visibility: &'static ViewVisibility,
     layers: Option<&'static RenderLayers>,
+    updates: Option<&'static ShadowUpdates>,
     casters: &'static mut CasterCascades,
     cascades: &'static mut Cascades,
     frusta: &'static mut CascadesFrusta,
     lists: &'static mut CascadesVisibleEntities,
+}
+
+/// What decides where a light's casters are drawn for a camera.
+struct Culling<'a> {
+    view: Entity,
+    plan: &'a [CascadePlan],
+    light_layers: &'a RenderLayers,
+    ranges: Option<&'a VisibleEntityRanges>,
+    displaced: &'a EntityHashSet,
+    is_on: bool,
+}
+
+impl Culling<'_> {
+    /// Those of the cascades that a caster matters to.
+    fn cascades(&self, caster: &CasterItem, among: CascadeSet) -> CascadeSet {
+        let layers_meet = self
+            .light_layers
+            .intersects(caster.layers.unwrap_or_default());
+        let is_out_of_range = caster.has_range
+            && self
+                .ranges
+                .is_some_and(|ranges| !ranges.entity_is_in_range_of_view(caster.entity, self.view));
+        if !caster.inherited.get() || !layers_meet || is_out_of_range {
+            return CascadeSet::default();
+        }
+        match (caster.aabb, caster.transform) {
+            (Some(aabb), Some(transform)) if self.is_on && !caster.is_unculled => {
+                let margin = Margin::of(caster.entity, caster.margin, self.displaced);
+                let affine = transform.affine();
+                let (center, radius) = bounding_sphere(aabb, &affine, margin);
+                let is_near = |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
+                let near = among.and(maps_where(self.plan, is_near));
+                if near.is_empty() {
+                    return near;
+                }
+                let bounds = world_bounds(aabb, &affine, margin);
+                near.and(maps_where(self.plan, |map| {
+                    map.hull.intersects_box(&bounds)
+                }))
+            }
+            // Without bounds it matters to all.
+            _ => among,
+        }
+    }
 }
 
 /// Finds the casters of each cascade, and publishes cascades, frusta and lists in Bevy's
@@ -132,21 +183,34 @@ pub fn cull_casters(
     )>,
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
+    support: Res<ShadowSupport>,
+    changed: Res<ChangedCasters>,
     mut found: Local<Parallel<Vec<(Entity, CascadeSet)>>>,
 ) {
     let displaced = displaced.get();
+    let none_moving = MovingCasters::default();
     for mut it in &mut lights {
         let Some(config) = it.managed.config() else {
-            it.casters.views.clear();
+            *it.casters = CasterCascades::default();
             continue;
         };
         let count = config.cascades as usize;
         let casts = it.light.shadow_maps_enabled && it.visibility.get();
         let is_planned = |view: &Entity| casts && it.plans.views.contains_key(view);
         it.casters.views.retain(|view, _| is_planned(view));
+        it.casters.moving.retain(|view, _| is_planned(view));
         if !it.lists.entities.keys().all(is_planned) {
             it.lists.entities.retain(|view, _| is_planned(view));
         }
+        // Where all is drawn in each frame, and by Bevy, nothing is drawn over it.
+        let is_split = support.draws_maps()
+            && config.comparison.updates == MapUpdates::WhenNeeded
+            && it.updates != Some(&ShadowUpdates::Always);
+        let moving = if is_split {
+            changed.moving()
+        } else {
+            &none_moving
+        };
 
         for (view, plan) in &it.plans.views {
             let published: Vec<_> = (0..count)
@@ -167,7 +231,11 @@ pub fn cull_casters(
 
             // Lists of maps that are held stay as they are, and what is in them stays visible.
             let is_known = it.casters.views.contains_key(view);
-            let known = it.casters.views.entry(*view).or_default();
+            let CasterCascades {
+                views: known,
+                moving: over,
+            } = &mut *it.casters;
+            let known = known.entry(*view).or_default();
             let mapped = maps_where(plan, |_| true);
             let held = if is_known {
                 maps_where(plan, |map| map.redraw.is_none())
@@ -180,7 +248,9 @@ pub fn cull_casters(
                 *cascades = cascades.and(held);
                 match visibilities.get_mut(*caster) {
                     _ if cascades.is_empty() => false,
-                    Ok((inherited, mut visibility)) if inherited.get() => {
+                    Ok((inherited, mut visibility))
+                        if inherited.get() && !moving.contains(*caster) =>
+                    {
                         visibility.set_visible();
                         true
                     }
@@ -190,39 +260,23 @@ pub fn cull_casters(
                     }
                 }
             });
+            let culling = Culling {
+                view: *view,
+                plan,
+                light_layers: it.layers.unwrap_or_default(),
+                ranges: ranges.as_deref(),
+                displaced: &displaced,
+                is_on: config.comparison.culling == CasterCulling::Hull,
+            };
             let culled = mapped.without(held);
             if !culled.is_empty() {
                 casters.p0().par_iter_mut().for_each_init(
                     || found.borrow_local_mut(),
                     |found, mut caster| {
-                        let light_layers = it.layers.unwrap_or_default();
-                        let layers_meet =
-                            light_layers.intersects(caster.layers.unwrap_or_default());
-                        let is_out_of_range = caster.has_range
-                            && ranges.as_ref().is_some_and(|ranges| {
-                                !ranges.entity_is_in_range_of_view(caster.entity, *view)
-                            });
-                        if !caster.inherited.get() || !layers_meet || is_out_of_range {
+                        if moving.contains(caster.entity) {
                             return;
                         }
-                        let is_culled = config.comparison.culling == CasterCulling::Hull;
-                        let cascades = match (caster.aabb, caster.transform) {
-                            (Some(aabb), Some(transform)) if is_culled && !caster.is_unculled => {
-                                let margin = Margin::of(caster.entity, caster.margin, &displaced);
-                                let affine = transform.affine();
-                                let (center, radius) = bounding_sphere(aabb, &affine, margin);
-                                let is_near =
-                                    |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
-                                let near = culled.and(maps_where(plan, is_near));
-                                if near.is_empty() {
-                                    return;
-                                }
-                                let bounds = world_bounds(aabb, &affine, margin);
-                                near.and(maps_where(plan, |map| map.hull.intersects_box(&bounds)))
-                            }
-                            // Without bounds it matters to all.
-                            _ => culled,
-                        };
+                        let cascades = culling.cascades(&caster, culled);
                         if !cascades.is_empty() {
                             caster.visibility.set_visible();
                             found.push((caster.entity, cascades));
@@ -240,6 +294,20 @@ pub fn cull_casters(
                     is_same
                 });
             }
+            let over = over.entry(*view).or_default();
+            over.clear();
+            let mut movable = casters.p0();
+            for caster in moving.iter() {
+                let Ok(mut caster) = movable.get_mut(caster) else {
+                    continue;
+                };
+                let cascades = culling.cascades(&caster, mapped);
+                if !cascades.is_empty() {
+                    caster.visibility.set_visible();
+                    over.push((caster.entity, cascades));
+                }
+            }
+            over.sort_unstable_by_key(|(entity, _)| *entity);
 
             let view_lists = it.lists.entities.entry(*view).or_default();
             // Bevy drops those of views that it culls nothing for.

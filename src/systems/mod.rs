@@ -8,6 +8,7 @@ mod diagnostics;
 mod gather;
 mod manage;
 mod mesh_boxes;
+mod moving;
 mod plan;
 mod publish;
 

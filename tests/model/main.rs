@@ -25,5 +25,6 @@ mod saved;
 mod splits;
 mod stability;
 mod stress;
+mod updates;
 mod views;
 mod warp;

@@ -5,7 +5,7 @@ use bevy::{
     camera::visibility::{NoCpuCulling, RenderLayers},
     core_pipeline::schedule::RootNonCameraView,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
-    ecs::entity_disabling::Disabled,
+    ecs::{entity_disabling::Disabled, query::QueryFilter},
     light::NotShadowCaster,
     prelude::*,
     render::RenderApp,
@@ -31,12 +31,20 @@ fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
     (stage, sun)
 }
 
-/// How many maps the last frame drew.
+/// How many maps of what rests the last frame drew.
 fn drawn(stage: &mut Stage) -> usize {
+    roots::<With<AdoptedMap>>(stage)
+}
+
+/// Into how many that were held it drew what moves.
+fn drawn_over(stage: &mut Stage) -> usize {
+    roots::<Without<AdoptedMap>>(stage)
+}
+
+fn roots<F: QueryFilter>(stage: &mut Stage) -> usize {
     let render_app = stage.headless.app.sub_app_mut(RenderApp);
-    let mut maps = render_app
-        .world_mut()
-        .query_filtered::<(), (With<AdoptedMap>, With<RootNonCameraView>)>();
+    let world = render_app.world_mut();
+    let mut maps = world.query_filtered::<(), (F, With<RootNonCameraView>)>();
     maps.iter(render_app.world()).count()
 }
 
@@ -198,6 +206,7 @@ fn walk(updates: MapUpdates, fit: CascadeFit, frames: usize) -> (Vec<RgbaImage>,
     };
     let (mut stage, sun) = stage(config);
     let mut casters = blocks(&mut stage);
+    let mover = stage.world().entity_mut(casters[3]).clone_and_spawn();
     let mut dice = Dice(7);
     let mut total = 0;
     let mut pictures = Vec::new();
@@ -218,6 +227,11 @@ fn walk(updates: MapUpdates, fit: CascadeFit, frames: usize) -> (Vec<RgbaImage>,
         }
         if frame % 3 == 0 {
             change_something(world, &mut casters, &mut dice);
+        }
+        if frame % 240 < 120 {
+            let place = Vec3::new(0.0, 3.0, -4.0)
+                + 3.0 * Quat::from_rotation_y(0.1 * frame as f32).mul_vec3(Vec3::X);
+            *world.get_mut::<Transform>(mover).expect("one") = Transform::from_translation(place);
         }
         stage.step();
         total += drawn(&mut stage);
@@ -256,7 +270,7 @@ fn games_overrule_what_changes() {
     let mut frame = |change: &dyn Fn(&mut EntityWorldMut)| {
         change(&mut stage.world().entity_mut(caster));
         stage.step();
-        drawn(&mut stage)
+        [drawn(&mut stage), drawn_over(&mut stage)]
     };
     let set = |it: &mut EntityWorldMut, updates: Option<ShadowUpdates>| {
         match updates {
@@ -264,18 +278,42 @@ fn games_overrule_what_changes() {
             None => it.remove::<ShadowUpdates>(),
         };
     };
-    assert_eq!(frame(&|_| ()), 0);
-    assert!(frame(&|it| set(it, Some(ShadowUpdates::Always))) > 0);
-    assert!(frame(&|_| ()) > 0);
-    assert_eq!(frame(&|it| set(it, Some(ShadowUpdates::Never))), 0);
+    assert_eq!(frame(&|_| ()), [0, 0]);
+    assert!(frame(&|it| set(it, Some(ShadowUpdates::Always)))[0] > 0);
+    assert!(frame(&|_| ())[1] > 0);
+    // It rests again.
+    assert!(frame(&|it| set(it, Some(ShadowUpdates::Never)))[0] > 0);
+    frame(&|_| ());
     let move_it = |it: &mut EntityWorldMut| {
         it.get_mut::<Transform>().expect("one").translation.x += 1.0;
     };
-    assert_eq!(frame(&move_it), 0);
+    assert_eq!(frame(&move_it), [0, 0]);
     // Maps show it where it was.
-    assert!(frame(&|it| set(it, None)) > 0);
-    assert_eq!(frame(&|_| ()), 0);
-    assert!(frame(&move_it) > 0);
+    assert!(frame(&|it| set(it, None))[0] > 0);
+    assert_eq!(frame(&|_| ()), [0, 0]);
+    assert!(frame(&move_it)[0] > 0);
+}
+
+#[test]
+fn what_moves_is_drawn_over_what_rests() {
+    let (mut stage, _) = stage(shadows());
+    let caster = blocks(&mut stage)[0];
+    let mut frame = |by: f32| {
+        let mut at = stage.world().get_mut::<Transform>(caster).expect("one");
+        at.translation.x += by;
+        stage.step();
+        [drawn(&mut stage), drawn_over(&mut stage)]
+    };
+    // What rests is drawn without it, once.
+    assert!(frame(0.05)[0] > 0);
+    for _ in 0..30 {
+        let [resting, moving] = frame(0.05);
+        assert!(resting == 0 && moving > 0, "{resting} {moving}");
+    }
+    let later: Vec<_> = (0..120).map(|_| frame(0.0)).collect();
+    let resting = later.iter().filter(|[resting, _]| *resting > 0).count();
+    assert_eq!(resting, 1, "it is taken in again, once");
+    assert_eq!(later.last(), Some(&[0, 0]));
 }
 
 #[test]

@@ -19,6 +19,7 @@ mod bias;
 mod casters;
 mod compare;
 mod drop_in;
+mod far;
 mod guests;
 mod hold;
 mod life_cycle;

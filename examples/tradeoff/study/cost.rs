@@ -84,17 +84,18 @@ fn lists(world: &World, camera: Entity, sun: Entity) -> Vec<&[Entity]> {
 
 /// Triangles of casters, by cascade.
 pub fn triangles_of_cascades(world: &World, camera: Entity, sun: Entity) -> Vec<usize> {
-    let meshes = world.resource::<Assets<Mesh>>();
-    let triangles_of = |entity: &Entity| {
-        let mesh = world.get::<Mesh3d>(*entity).and_then(|m| meshes.get(&m.0));
-        mesh.map_or(0, |mesh| {
-            mesh.indices().map_or(mesh.count_vertices(), Indices::len) / 3
-        })
-    };
     let lists = lists(world, camera, sun).into_iter();
-    lists
-        .map(|list| list.iter().map(triangles_of).sum())
-        .collect()
+    let sum = |list: &[Entity]| list.iter().map(|caster| triangles_of(world, *caster)).sum();
+    lists.map(sum).collect()
+}
+
+/// Triangles of a caster.
+pub fn triangles_of(world: &World, caster: Entity) -> usize {
+    let meshes = world.resource::<Assets<Mesh>>();
+    let mesh = world.get::<Mesh3d>(caster).and_then(|m| meshes.get(&m.0));
+    mesh.map_or(0, |mesh| {
+        mesh.indices().map_or(mesh.count_vertices(), Indices::len) / 3
+    })
 }
 
 /// Runs of the systems that are timed.

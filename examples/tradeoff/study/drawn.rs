@@ -1,9 +1,10 @@
 //! What is drawn along a path where maps that serve are held.
 
-use bevy_pssm::{MapUpdates, ParallelSplitShadows, ShadowPlans, plan::CascadePlan};
+use bevy::{light::NotShadowCaster, prelude::*};
+use bevy_pssm::{CasterCascades, MapUpdates, ParallelSplitShadows, ShadowPlans, plan::CascadePlan};
 
 use super::{
-    cost::triangles_of_cascades,
+    cost::{triangles_of, triangles_of_cascades},
     studio::{Stance, Studio},
 };
 
@@ -14,6 +15,8 @@ pub struct DrawnShare {
     pub maps: f64,
     /// Of their casters' triangles.
     pub triangles: f64,
+    /// Of the same, with one in a hundred casters moving.
+    pub triangles_moving: f64,
 }
 
 impl Default for DrawnShare {
@@ -21,9 +24,13 @@ impl Default for DrawnShare {
         Self {
             maps: 100.0,
             triangles: 100.0,
+            triangles_moving: 100.0,
         }
     }
 }
+
+/// How far what moves goes in a frame (meters).
+const STEP: f32 = 0.125;
 
 /// Maps drawn, and what into them.
 #[derive(Default, Clone, Copy)]
@@ -47,24 +54,53 @@ impl Studio {
     /// What is drawn along a path if maps are held, of what drawing them in every frame takes; all of Bevy's, which
     /// never are.
     pub fn share_drawn(&mut self, stances: &[Stance], every: Work) -> DrawnShare {
-        let needed = self.needed_work(stances).map(|needed| DrawnShare {
-            maps: percent(needed.maps, every.maps),
-            triangles: percent(needed.triangles, every.triangles),
-        });
-        needed.unwrap_or_default()
+        let Some(resting) = self.needed_work(stances, &[]) else {
+            return DrawnShare::default();
+        };
+        let movers = self.movers();
+        let moving = self.needed_work(stances, &movers).unwrap_or_default();
+        DrawnShare {
+            maps: percent(resting.maps, every.maps),
+            triangles: percent(resting.triangles, every.triangles),
+            triangles_moving: percent(moving.triangles, every.triangles),
+        }
     }
 
-    /// What is drawn along a path if maps are held; `None` for Bevy's, which never are.
-    fn needed_work(&mut self, stances: &[Stance]) -> Option<Work> {
+    /// What is drawn along a path if maps are held, while some casters tremble; `None` for Bevy's, which
+    /// never are.
+    fn needed_work(&mut self, stances: &[Stance], movers: &[Entity]) -> Option<Work> {
         self.set_updates(MapUpdates::WhenNeeded)?;
         self.forget();
         let mut needed = Work::default();
-        for stance in stances {
+        for (frame, stance) in stances.iter().enumerate() {
+            let by = if frame % 2 == 0 { STEP } else { -STEP };
+            self.shift(movers, by);
             self.pass(stance);
             needed += self.work();
         }
+        if stances.len() % 2 == 1 {
+            self.shift(movers, -STEP);
+        }
         self.set_updates(MapUpdates::EveryFrame)?;
         Some(needed)
+    }
+
+    /// One in a hundred casters.
+    fn movers(&mut self) -> Vec<Entity> {
+        let world = self.world();
+        let mut casters = world
+            .query_filtered::<Entity, (With<Mesh3d>, With<Transform>, Without<NotShadowCaster>)>();
+        let mut casters: Vec<Entity> = casters.iter(world).collect();
+        casters.sort_unstable();
+        casters.into_iter().skip(50).step_by(100).collect()
+    }
+
+    fn shift(&mut self, movers: &[Entity], by: f32) {
+        for mover in movers {
+            if let Some(mut at) = self.world().get_mut::<Transform>(*mover) {
+                at.translation.y += by;
+            }
+        }
     }
 
     fn set_updates(&mut self, updates: MapUpdates) -> Option<()> {
@@ -91,9 +127,18 @@ impl Studio {
             .iter()
             .zip(triangles)
             .filter(|(plan, _)| is_drawn(plan));
-        drawn.fold(Work::default(), |mut work, (_, triangles)| {
+        let mut work = drawn.fold(Work::default(), |mut work, (_, triangles)| {
             work += Work { maps: 1, triangles };
             work
-        })
+        });
+        let casters = world.get::<CasterCascades>(sun);
+        for (caster, cascades) in casters
+            .and_then(|it| it.moving.get(&camera))
+            .into_iter()
+            .flatten()
+        {
+            work.triangles += cascades.iter().count() * triangles_of(world, *caster);
+        }
+        work
     }
 }

@@ -440,4 +440,6 @@ pub struct PathRow {
     pub maps_drawn_pct: f64,
     /// Triangles drawn into them, in percent of all maps' in each frame.
     pub triangles_drawn_pct: f64,
+    /// The same, with one in a hundred casters moving.
+    pub triangles_drawn_moving_pct: f64,
 }

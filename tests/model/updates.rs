@@ -1,0 +1,124 @@
+//! What is drawn where casters move: they alone, over maps of those that rest.
+
+use bevy::{
+    camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
+    prelude::*,
+};
+use bevy_pssm::{CasterCascades, ShadowPlans, prelude::*};
+
+use crate::lights::{app, camera, sun};
+
+/// Boxes of a meter on a square of 200 m.
+fn boxes(app: &mut App) -> Vec<Entity> {
+    let places = (0..40).flat_map(|x| (0..40).map(move |z| [x, z]));
+    let places = places.map(|place| place.map(|at| 5.0 * at as f32 - 100.0));
+    let world = app.world_mut();
+    places
+        .map(|[x, z]| {
+            let caster = world.spawn((
+                Mesh3d::default(),
+                Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5)),
+                Transform::from_xyz(x, 0.5, z),
+                Visibility::default(),
+            ));
+            caster.id()
+        })
+        .collect()
+}
+
+/// Casters drawn in a frame: those of maps that are drawn, and those that move.
+fn drawn(app: &App, view: Entity, light: Entity) -> usize {
+    let light = app.world().entity(light);
+    let plans = &light.get::<ShadowPlans>().unwrap().views[&view];
+    let lists = &light.get::<CascadesVisibleEntities>().unwrap().entities[&view];
+    let maps = plans.iter().map(|plan| plan.map.as_ref());
+    let redrawn = maps
+        .zip(lists)
+        .filter(|(map, _)| map.is_some_and(|map| map.redraw.is_some()));
+    let resting: usize = redrawn.map(|(_, list)| list.entities.len()).sum();
+    let moving = &light.get::<CasterCascades>().unwrap().moving[&view];
+    let moving: usize = moving
+        .iter()
+        .map(|(_, cascades)| cascades.iter().count())
+        .sum();
+    resting + moving
+}
+
+/// Over two seconds of a walk, with every so many boxes moving.
+fn drawn_along(updates: MapUpdates, step: usize) -> usize {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(
+        &mut app,
+        ParallelSplitShadows {
+            comparison: Comparison {
+                updates,
+                ..default()
+            },
+            ..default()
+        },
+    );
+    let boxes = boxes(&mut app);
+    app.update();
+    let frames = (0..120).map(|frame| {
+        let world = app.world_mut();
+        for mover in boxes.iter().skip(step / 2).step_by(step) {
+            let mut at = world.get_mut::<Transform>(*mover).unwrap();
+            at.translation.y = 0.5 + 0.25 * (frame % 2) as f32;
+        }
+        world.get_mut::<Transform>(view).unwrap().translation.z -= 0.1;
+        app.update();
+        drawn(&app, view, light)
+    });
+    frames.sum()
+}
+
+#[test]
+fn what_moves_costs_itself() {
+    let every = drawn_along(MapUpdates::EveryFrame, 100);
+    let needed = drawn_along(MapUpdates::WhenNeeded, 100);
+    let share = needed as f64 / every as f64;
+    assert!(share < 0.1, "{needed} of {every}");
+    // Where all moves nothing is saved, and nothing lost.
+    let every = drawn_along(MapUpdates::EveryFrame, 1);
+    let needed = drawn_along(MapUpdates::WhenNeeded, 1);
+    let share = needed as f64 / every as f64;
+    assert!((0.9..1.2).contains(&share), "{needed} of {every}");
+}
+
+#[test]
+fn what_has_come_to_rest_is_drawn_once_more() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let mover = boxes(&mut app)[20 * 40 + 18];
+    app.update();
+    let is_moving = |app: &App| {
+        let casters = app.world().get::<CasterCascades>(light).unwrap();
+        casters.moving[&view].iter().any(|(it, _)| *it == mover)
+    };
+    let in_lists = |app: &App| {
+        let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+        let mut lists = lists.entities[&view].iter();
+        lists.any(|list| list.entities.contains(&mover))
+    };
+    assert!(in_lists(&app) && !is_moving(&app));
+    let mut frame = |by: f32| {
+        let mut at = app.world_mut().get_mut::<Transform>(mover).unwrap();
+        at.translation.x += by;
+        app.update();
+        assert_ne!(in_lists(&app), is_moving(&app), "it is drawn once");
+        let visible = app.world().get::<ViewVisibility>(mover).unwrap();
+        assert!(visible.get());
+        (is_moving(&app), drawn(&app, view, light))
+    };
+    for _ in 0..5 {
+        assert!(frame(0.1).0);
+    }
+    let later: Vec<_> = (0..100).map(|_| frame(0.0)).collect();
+    assert_eq!(later.last(), Some(&(false, 0)));
+    let dearer = later
+        .iter()
+        .filter(|(is_moving, drawn)| !is_moving && *drawn > 0);
+    assert_eq!(dearer.count(), 1);
+}
