@@ -111,6 +111,13 @@ pub struct ParallelSplitShadows {
     /// How soft the edges of shadows are. Too narrow shows texels, too wide moves edges off the
     /// truth; costs grow with the taps. Default [`ShadowFilter::Camera`].
     pub filter: ShadowFilter,
+    /// How far a sun that moves goes before maps follow it (degrees, 0 to 1), one map after the other; what
+    /// is lit is shaded by the true sun meanwhile, whose shadows are off by half a step at most. 0 draws all
+    /// maps in every frame in which the sun moves, and every edge creeps; too much shows as shadows
+    /// that tick like a clock's hand. Default 0.05: a tenth of the sun's width, less than the edge of any
+    /// shadow is soft.
+    #[reflect(@0.0..=1.0_f32)]
+    pub sun_step: f32,
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where
     /// there is no temporal antialiasing. Default [`CascadeTransition::CrossFade`].
     pub transition: CascadeTransition,
@@ -131,6 +138,7 @@ impl Default for ParallelSplitShadows {
             slack: 0.1,
             map_size: MapSize::default(),
             filter: ShadowFilter::default(),
+            sun_step: 0.05,
             transition: CascadeTransition::default(),
             comparison: Comparison::default(),
         }
@@ -164,6 +172,7 @@ impl ParallelSplitShadows {
         ConfigError::check_range("slack", self.slack, 0.0..=1.0)?;
         self.map_size.validate(self.cascades, max_map_size)?;
         self.filter.validate()?;
+        ConfigError::check_range("sun_step", self.sun_step, 0.0..=1.0)?;
         self.comparison.bias.validate()
     }
 

@@ -1,9 +1,13 @@
 //! The fixed frame of a directional light, in which maps are laid and snapped.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
-/// An orthonormal, right-handed frame that depends on the light's direction and an origin, and on
-/// nothing else.
+/// When the light turns, its frame turns up to so many times as far about it to become level again, on top
+/// of what the turn itself takes.
+pub const LEVELING: f64 = 3.0;
+
+/// An orthonormal, right-handed frame that depends on the light's direction, and how it has turned, and an
+/// origin, and on nothing else.
 ///
 /// `z` points *to* the light. Were the frame to turn with the camera, texels would turn with it
 /// and every shadow edge would crawl; tying it to the light alone is what makes snapping stable.
@@ -38,6 +42,39 @@ impl LightFrame {
         })
     }
 
+    /// The frame of the light after a turn: it turns as far as the light does, and up to [`LEVELING`] times
+    /// that about it, towards having `x` level. That, it has below 71° of elevation, where nearly all that is
+    /// seen is best laid along the ground; but no path of the light makes it jump, one over the zenith
+    /// neither. `None` as for [`LightFrame::new`].
+    pub fn following(&self, to_light: DVec3) -> Option<Self> {
+        let z = to_light.try_normalize()?;
+        if z == self.z {
+            return Some(*self);
+        }
+        let carried = DQuat::from_rotation_arc(self.z, z) * self.x;
+        let carried = carried.reject_from_normalized(z).try_normalize()?;
+        let x = match DVec3::Y.cross(z).try_normalize() {
+            None => carried,
+            Some(level) => {
+                // A frame that lies on its head is level too.
+                let level = level * level.dot(carried).signum();
+                let off = angle_about(z, carried, level);
+                let most = LEVELING * angle_between(self.z, z);
+                if off.abs() <= most {
+                    level
+                } else {
+                    DQuat::from_axis_angle(z, most.copysign(off)) * carried
+                }
+            }
+        };
+        Some(Self {
+            x,
+            y: z.cross(x),
+            z,
+            origin: self.origin,
+        })
+    }
+
     /// The same with another origin, in world space.
     pub fn at(self, origin: DVec3) -> Self {
         Self { origin, ..self }
@@ -53,6 +90,16 @@ impl LightFrame {
     pub fn world_from_light(&self) -> DMat3 {
         DMat3::from_cols(self.x, self.y, self.z)
     }
+}
+
+/// Between unit vectors (radians); exact where it is small.
+pub fn angle_between(a: DVec3, b: DVec3) -> f64 {
+    a.cross(b).length().atan2(a.dot(b))
+}
+
+/// From one unit vector to another, both at right angles to a third, about that one (radians).
+fn angle_about(axis: DVec3, from: DVec3, to: DVec3) -> f64 {
+    axis.dot(from.cross(to)).atan2(from.dot(to))
 }
 
 fn axis_of_smallest_component(v: DVec3) -> DVec3 {

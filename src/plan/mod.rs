@@ -9,6 +9,7 @@ mod lookup;
 mod map;
 mod size;
 mod split;
+mod sun;
 mod volume;
 mod warp;
 
@@ -35,6 +36,7 @@ use crate::{
 
 use held::HeldMap;
 use layout::{KeptRange, Layout};
+use sun::FollowedSun;
 
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
@@ -185,6 +187,7 @@ struct CascadeHistory {
     /// Of a map from a budget (texels).
     size: [Kept<f64>; 2],
     held: Option<HeldMap>,
+    sun: FollowedSun,
 }
 
 impl CascadeHistory {
@@ -245,14 +248,22 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
         })
         .collect();
     let sizes = size::map_sizes(inputs, &layout, &volumes, &fits, kept);
+    let due = sun::due(inputs, kept);
     (0..config.cascades as usize)
         .map(|index| {
             let (near, far) = layout.interval(index);
             let volume = volumes.get(index).and_then(Option::as_ref);
             let map = volume.and_then(|volume| {
-                let CascadeHistory { extent, held, .. } = &mut kept[index];
+                let CascadeHistory {
+                    extent, held, sun, ..
+                } = &mut kept[index];
+                let inputs = &PlanInputs {
+                    light: &sun.frame(inputs, volume.body.center(), due[index]),
+                    ..*inputs
+                };
                 let (size, slack) = (sizes[index], inputs.slack());
                 let placed = map::place(inputs, volume, fits[index], size, slack, extent)?;
+                sun.texel = placed.texel;
                 held::hold(inputs, volume, placed, size, held)
             });
             if map.is_none() {

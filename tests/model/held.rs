@@ -192,7 +192,7 @@ fn only_casters_that_matter_have_maps_drawn() {
         let anywhere = reasons(&walker.plan(&CasterChanges::Anywhere));
         assert!(anywhere.iter().all(|it| *it == Some(Redraw::Casters)));
 
-        walker.to_light.x += 1e-6;
+        walker.to_light.x += 0.01;
         let turned = reasons(&walker.plan(&nothing));
         assert!(turned.iter().all(|it| *it == Some(Redraw::Light)));
         walker.config.map_size = MapSize::Same(1024);

@@ -25,6 +25,7 @@ mod saved;
 mod splits;
 mod stability;
 mod stress;
+mod sun;
 mod updates;
 mod views;
 mod warp;

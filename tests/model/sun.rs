@@ -1,0 +1,262 @@
+//! A sun that moves: frames that turn no faster than it does, and maps that follow it in steps.
+
+use bevy::math::{DMat3, DQuat, DVec2, DVec3, Quat};
+use bevy_pssm::{
+    geometry::{
+        fit::LookupReach,
+        light_frame::{LEVELING, LightFrame, angle_between},
+        oriented_box::OrientedBox,
+        receivers::Receivers,
+    },
+    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, Redraw, plan_cascades},
+    prelude::*,
+};
+use proptest::prelude::*;
+
+use crate::views::{perspective, volume};
+
+fn unit() -> impl Strategy<Value = DVec3> {
+    [-1.0..1.0, -1.0..1.0, -1.0..1.0_f64]
+        .prop_map(DVec3::from)
+        .prop_filter("a direction", |it| it.length_squared() > 0.01)
+        .prop_map(DVec3::normalize)
+}
+
+/// Where a path goes through, if not anywhere.
+fn landmark() -> impl Strategy<Value = DVec3> {
+    prop_oneof![
+        unit(),
+        Just(DVec3::Y),
+        Just(-DVec3::Y),
+        unit().prop_map(|it| (it * DVec3::new(1.0, 0.0, 1.0) + 1e-9 * DVec3::X).normalize()),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// Over the zenith and the nadir, along the horizon, in loops.
+    #[test]
+    fn no_path_of_the_sun_makes_a_frame_jump(
+        stations in prop::collection::vec(landmark(), 2..6),
+        step in prop_oneof![1e-5..1e-3_f64, 1e-3..0.05_f64],
+    ) {
+        let mut frame = LightFrame::new(stations[0]).unwrap();
+        for pair in stations.windows(2) {
+            let [from, to] = [pair[0], pair[1]];
+            let whole = angle_between(from, to);
+            let axis = from.cross(to).try_normalize().unwrap_or(from.any_orthonormal_vector());
+            let steps: f64 = (whole / step).ceil();
+            let steps = steps.min(300.0);
+            for index in 1..=steps as usize {
+                let turned = whole * index as f64 / steps;
+                let to_light = DQuat::from_axis_angle(axis, turned) * from;
+                let next = frame.following(to_light).unwrap();
+                let moved = angle_between(frame.z, next.z);
+                let most = (1.0 + LEVELING) * moved + 1e-12;
+                prop_assert!(angle_between(frame.x, next.x) <= most);
+                prop_assert!(angle_between(frame.y, next.y) <= most);
+                let rotation = next.world_from_light();
+                let off = rotation * rotation.transpose() - DMat3::IDENTITY;
+                prop_assert!(off.to_cols_array().iter().all(|it| it.abs() < 1e-12));
+                prop_assert!((rotation.determinant() - 1.0).abs() < 1e-12);
+                // The same sun has the same frame, to the bit.
+                prop_assert_eq!(next.following(to_light), Some(next));
+                frame = next;
+            }
+        }
+    }
+}
+
+/// Below 71° of elevation a sun that goes across the sky has level maps, as one that stands there has.
+#[test]
+fn frames_of_low_suns_are_level() {
+    let at = |azimuth: f64, elevation: f64| {
+        let (sin, cos) = elevation.to_radians().sin_cos();
+        let (x, z) = azimuth.to_radians().sin_cos();
+        DVec3::new(x * cos, sin, z * cos)
+    };
+    for elevation in [5.0, 30.0, 60.0, 70.0] {
+        let mut frame = LightFrame::new(at(0.0, elevation)).unwrap();
+        for step in 1..720 {
+            let to_light = at(0.5 * f64::from(step), elevation);
+            frame = frame.following(to_light).unwrap();
+            assert_eq!(frame.x.y, 0.0);
+        }
+        let fresh = LightFrame::new(frame.z).unwrap();
+        assert!(frame.x.abs_diff_eq(fresh.x, 1e-12));
+    }
+}
+
+/// A camera that rests over wide ground, while the sun moves.
+struct Day {
+    eye: DVec3,
+    config: ParallelSplitShadows,
+    history: PlanHistory,
+}
+
+impl Day {
+    fn new(fit: CascadeFit, sun_step: f32, eye: DVec3) -> Self {
+        Self {
+            eye,
+            config: ParallelSplitShadows {
+                fit,
+                sun_step,
+                ..Default::default()
+            },
+            history: PlanHistory::default(),
+        }
+    }
+
+    /// The sun goes from east to west through the zenith (degrees).
+    fn to_light(elevation: f64) -> DVec3 {
+        let (sin, cos) = elevation.to_radians().sin_cos();
+        DVec3::new(cos, sin, 0.1 * cos).normalize()
+    }
+
+    fn plan(&mut self, to_light: DVec3) -> Vec<CascadePlan> {
+        let view = volume(
+            &perspective(0.8, 1.6),
+            self.eye.as_vec3(),
+            Quat::from_rotation_y(0.3),
+        );
+        let mut receivers = Receivers::new(&view);
+        receivers.add(&OrientedBox {
+            center: self.eye * DVec3::new(1.0, 0.0, 1.0),
+            half_axes: DMat3::from_diagonal(DVec3::new(900.0, 0.1, 900.0)),
+        });
+        let inputs = PlanInputs {
+            view: &view,
+            light: &LightFrame::new(to_light).unwrap(),
+            config: &self.config,
+            reach: LookupReach { texels: 3.0 },
+            receivers: &receivers,
+            image_height: 1080.0,
+            changes: &CasterChanges::At(Vec::new()),
+        };
+        plan_cascades(&inputs, &mut self.history)
+    }
+}
+
+fn drawn(plans: &[CascadePlan]) -> usize {
+    let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+    maps.filter(|map| map.redraw.is_some()).count()
+}
+
+/// The direction to the light that a map was laid for.
+fn light_of(plan: &CascadePlan) -> DVec3 {
+    let map = plan.map.as_ref().expect("a map");
+    map.world_from_cascade.z_axis.truncate().normalize()
+}
+
+const FITS: [CascadeFit; 3] = [CascadeFit::Stable, CascadeFit::Steady, CascadeFit::Tight];
+
+/// A day of twenty minutes: 0.3 degrees per second.
+const PER_FRAME: f64 = 0.3 / 60.0;
+
+#[test]
+fn maps_follow_the_sun_in_steps_and_in_turn() {
+    for fit in FITS {
+        let mut day = Day::new(fit, 0.05, DVec3::new(3.0, 1.7, -2.0));
+        let mut total = 0;
+        let mut most = 0;
+        for frame in 0..600 {
+            let to_light = Day::to_light(30.0 + PER_FRAME * f64::from(frame));
+            let plans = day.plan(to_light);
+            for plan in &plans {
+                let error = angle_between(light_of(plan), to_light).to_degrees();
+                assert!(error <= 0.05, "{error}");
+            }
+            let now = drawn(&plans);
+            if frame > 30 {
+                most = most.max(now);
+            }
+            total += now;
+        }
+        // Every tenth frame, one map after the other.
+        assert!((200..=270).contains(&total), "{total}");
+        assert_eq!(most, 1);
+    }
+}
+
+#[test]
+fn without_steps_maps_are_those_of_the_sun() {
+    let mut day = Day::new(CascadeFit::Steady, 0.0, DVec3::new(3.0, 1.7, -2.0));
+    for frame in 0..60 {
+        let to_light = Day::to_light(30.0 + PER_FRAME * f64::from(frame));
+        let plans = day.plan(to_light);
+        assert_eq!(drawn(&plans), 4);
+        for plan in &plans {
+            assert!(angle_between(light_of(plan), to_light) < 1e-12);
+            let redraw = plan.map.as_ref().unwrap().redraw;
+            let expected = if frame == 0 {
+                Redraw::New
+            } else {
+                Redraw::Light
+            };
+            assert_eq!(redraw, Some(expected));
+        }
+    }
+}
+
+#[test]
+fn a_sun_that_jumps_is_followed_at_once() {
+    let mut day = Day::new(CascadeFit::Steady, 1.0, DVec3::new(3.0, 1.7, -2.0));
+    day.plan(Day::to_light(30.0));
+    let to_light = Day::to_light(45.0);
+    let plans = day.plan(to_light);
+    assert_eq!(drawn(&plans), 4);
+    assert!(
+        plans
+            .iter()
+            .all(|plan| angle_between(light_of(plan), to_light) < 1e-12)
+    );
+}
+
+/// How far texels move under the middle of what a map is for (texels), at most, from frame to frame in
+/// which it keeps its texels' size.
+fn texels_move(fit: &CascadeFit, eye: DVec3, from: f64) -> f64 {
+    let mut day = Day::new(fit.clone(), 0.0, eye);
+    let mut last: Vec<CascadePlan> = Vec::new();
+    let mut most = 0.0_f64;
+    for frame in 0..120 {
+        let plans = day.plan(Day::to_light(from + PER_FRAME * f64::from(frame)));
+        for (now, last) in plans.iter().zip(&last) {
+            let (Some(now_map), Some(last_map)) = (&now.map, &last.map) else {
+                continue;
+            };
+            if !now_map.texel.abs_diff_eq(last_map.texel, 1e-9) {
+                continue;
+            }
+            let middle = last_map
+                .clip_from_world
+                .inverse()
+                .project_point3(DVec3::new(0.0, 0.0, 0.5));
+            let texels = |map: &bevy_pssm::plan::CascadeMap| {
+                0.5 * map.clip_from_world.project_point3(middle).truncate()
+                    * now.map_size.as_dvec2()
+            };
+            let moved: DVec2 = texels(now_map) - texels(last_map);
+            most = most.max((moved - moved.round()).abs().max_element());
+        }
+        last = plans;
+    }
+    most
+}
+
+/// Wherever the world's origin is, and through the zenith: grids turn about what is seen.
+#[test]
+fn texels_turn_about_what_is_seen() {
+    for fit in FITS {
+        for from in [30.0, 89.7] {
+            let near = texels_move(&fit, DVec3::new(3.0, 1.7, -2.0), from);
+            for distance in [8e3, 40e3] {
+                let far = texels_move(&fit, DVec3::new(distance, 1.7, -0.5 * distance), from);
+                assert!(
+                    near < 0.2 && far < 1.1 * near + 0.01,
+                    "{fit:?} {from}: {near} and {far} texels"
+                );
+            }
+        }
+    }
+}
