@@ -73,7 +73,8 @@ pub mod systems;
 pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, ConfigError,
     DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp, ParallelSplitShadows,
-    ShadowBias, ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, WarpAxis,
+    ShadowBias, ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, TexelGrid,
+    WarpAxis,
 };
 #[doc(inline)]
 pub use debug::ShadowOverlay;
@@ -99,7 +100,8 @@ pub mod prelude {
         BoundsMargin, CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces,
         Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp,
         ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
-        ShadowGridOrigin, ShadowOverlay, ShadowPreset, ShadowUpdates, SplitScheme, WarpAxis,
+        ShadowGridOrigin, ShadowOverlay, ShadowPreset, ShadowUpdates, SplitScheme, TexelGrid,
+        WarpAxis,
     };
 }
 

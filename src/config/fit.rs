@@ -61,6 +61,19 @@ pub enum MapFit {
     Warped(MapWarp),
 }
 
+/// What the texels of maps that are not warped are fixed to.
+#[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq, Hash, Serialize, Deserialize)]
+pub enum TexelGrid {
+    /// The light's own frame, which turns with a sun that moves, and all edges with it.
+    #[default]
+    Light,
+    /// The world's ground: texels stay where they are on level ground however the sun moves, and only
+    /// shadows do. Maps are sheared, lookups cost a little more, and on walls texels are longer while
+    /// the sun is low; below 6° the light's own frame takes over.
+    Ground,
+}
+
 /// How strongly a map is warped.
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]

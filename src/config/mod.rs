@@ -14,7 +14,7 @@ pub use comparison::{
 };
 pub use error::ConfigError;
 pub use filter::{CascadeTransition, FilterRadius, MAX_FILTER_TEXELS, ShadowFilter};
-pub use fit::{CascadeFit, MapFit, MapWarp};
+pub use fit::{CascadeFit, MapFit, MapWarp, TexelGrid};
 pub use map_size::{MIN_MAP_SIZE, MapSize};
 pub use preset::{ShadowPreset, ShadowPresetError, ShadowPresetLoader};
 pub use splits::SplitScheme;
@@ -111,6 +111,8 @@ pub struct ParallelSplitShadows {
     /// How soft the edges of shadows are. Too narrow shows texels, too wide moves edges off the
     /// truth; costs grow with the taps. Default [`ShadowFilter::Camera`].
     pub filter: ShadowFilter,
+    /// What texels are fixed to, for suns that move. Default [`TexelGrid::Light`].
+    pub grid: TexelGrid,
     /// How far a sun that moves goes before maps follow it (degrees, 0 to 1), one map after the other; what
     /// is lit is shaded by the true sun meanwhile, whose shadows are off by half a step at most. 0 draws all
     /// maps in every frame in which the sun moves, and every edge creeps; too much shows as shadows
@@ -138,6 +140,7 @@ impl Default for ParallelSplitShadows {
             slack: 0.1,
             map_size: MapSize::default(),
             filter: ShadowFilter::default(),
+            grid: TexelGrid::default(),
             sun_step: 0.05,
             transition: CascadeTransition::default(),
             comparison: Comparison::default(),

@@ -45,8 +45,12 @@ pub fn stable(
     slack: Slack,
 ) -> MapBox {
     let size = map_size.as_dvec2();
-    let half = slack.round_up_at_once(slice.radius.max(MIN_EXTENT)) * size
-        / usable(size, 1.0 + 2.0 * reach.texels);
+    let radius = slice.radius.max(MIN_EXTENT) * light.spread();
+    let rounded = DVec2::new(
+        slack.round_up_at_once(radius.x),
+        slack.round_up_at_once(radius.y),
+    );
+    let half = rounded * size / usable(size, 1.0 + 2.0 * reach.texels);
     let texel = 2.0 * half / size;
     let depth = half.max_element() + reach.texels * texel.max_element();
     MapBox {
@@ -89,6 +93,7 @@ pub fn steady(
             (lo.min(point.y), hi.max(point.y))
         });
     let center = DVec3::new(center.x, 0.5 * (bottom + top), center.y);
+    // Of what may be longer than a unit vector, in frames that stand on the ground.
     let half = |axis: DVec3| radius * axis.x.hypot(axis.z) + 0.5 * (top - bottom) * axis.y.abs();
     let [across, up] = kept;
     let extent = DVec2::new(

@@ -1,26 +1,29 @@
 //! The fixed frame of a directional light, in which maps are laid and snapped.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 
 /// When the light turns, its frame turns up to so many times as far about it to become level again, on top
 /// of what the turn itself takes.
 pub const LEVELING: f64 = 3.0;
 
-/// An orthonormal, right-handed frame that depends on the light's direction, and how it has turned, and an
-/// origin, and on nothing else.
+/// A right-handed frame that depends on the light's direction, and how it has turned, and an origin, and on
+/// nothing else.
 ///
 /// `z` points *to* the light. Were the frame to turn with the camera, texels would turn with it
 /// and every shadow edge would crawl; tying it to the light alone is what makes snapping stable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightFrame {
-    /// Direction of the map's `u` axis, in world space.
+    /// What is measured along the map's `u` axis, in world space: a unit vector across the light, or, in a
+    /// frame that stands on the ground, longer.
     pub x: DVec3,
-    /// Direction of the map's `v` axis, in world space.
+    /// As `x`, of the map's `v` axis.
     pub y: DVec3,
     /// Unit vector from the scene to the light, in world space.
     pub z: DVec3,
     /// Where texel grids are anchored, in world space.
     pub origin: DVec3,
+    /// It stands on the ground: `x` and `y` are not at right angles.
+    pub is_grounded: bool,
 }
 
 impl LightFrame {
@@ -33,13 +36,17 @@ impl LightFrame {
         } else {
             DVec3::Y
         };
-        let x = helper.cross(z).normalize();
-        Some(Self {
+        Some(Self::upright(helper.cross(z).normalize(), z))
+    }
+
+    fn upright(x: DVec3, z: DVec3) -> Self {
+        Self {
             x,
             y: z.cross(x),
             z,
             origin: DVec3::ZERO,
-        })
+            is_grounded: false,
+        }
     }
 
     /// The frame of the light after a turn: it turns as far as the light does, and up to [`LEVELING`] times
@@ -67,11 +74,21 @@ impl LightFrame {
                 }
             }
         };
-        Some(Self {
-            x,
-            y: z.cross(x),
+        Some(Self::upright(x, z).at(self.origin))
+    }
+
+    /// A frame in which a texel covers the same ground wherever the light stands: `x` and `y` measure, along
+    /// the world's X and against its Z, where light through a point meets the level of the origin. Maps are
+    /// sheared. `None` if the light has no direction, or stands lower than said (sine of its elevation).
+    pub fn grounded(to_light: DVec3, lowest_sine: f64) -> Option<Self> {
+        let z = to_light.try_normalize()?;
+        (z.y.abs() >= lowest_sine).then(|| Self {
+            x: DVec3::new(1.0, -z.x / z.y, 0.0),
+            // Of a light from below, the other way around: seen from it, the frame is right-handed.
+            y: DVec3::new(0.0, z.z / z.y, -1.0) * z.y.signum(),
             z,
-            origin: self.origin,
+            origin: DVec3::ZERO,
+            is_grounded: true,
         })
     }
 
@@ -82,13 +99,39 @@ impl LightFrame {
 
     /// Coordinates of a world-space point in the light's frame (meters).
     pub fn light_from_world(&self, point: DVec3) -> DVec3 {
-        let point = point - self.origin;
-        DVec3::new(self.x.dot(point), self.y.dot(point), self.z.dot(point))
+        self.measured(point - self.origin)
     }
 
-    /// The rotation that takes light-space vectors to world space.
+    /// A world-space vector in the light's frame (meters).
+    pub fn measured(&self, vector: DVec3) -> DVec3 {
+        DVec3::new(self.x.dot(vector), self.y.dot(vector), self.z.dot(vector))
+    }
+
+    /// What takes light-space vectors to world space.
     pub fn world_from_light(&self) -> DMat3 {
-        DMat3::from_cols(self.x, self.y, self.z)
+        if !self.is_grounded {
+            return DMat3::from_cols(self.x, self.y, self.z);
+        }
+        let per_area = self.x.dot(self.y.cross(self.z)).recip();
+        let across = [self.y.cross(self.z), self.z.cross(self.x)];
+        DMat3::from_cols(per_area * across[0], per_area * across[1], self.z)
+    }
+
+    /// Unit vectors across the light along which the map's columns and rows lie.
+    pub fn axes(&self) -> [DVec3; 2] {
+        if !self.is_grounded {
+            return [self.x, self.y];
+        }
+        let world_from_light = self.world_from_light();
+        [world_from_light.x_axis, world_from_light.y_axis].map(DVec3::normalize)
+    }
+
+    /// What a meter across the light measures at most, along both axes.
+    pub fn spread(&self) -> DVec2 {
+        if !self.is_grounded {
+            return DVec2::ONE;
+        }
+        DVec2::new(self.x.length(), self.y.length())
     }
 }
 

@@ -4,9 +4,7 @@ use glam::{DVec2, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::MapUpdates;
-use crate::geometry::{
-    fit::MapBox, hull::CasterHull, light_frame::LightFrame, oriented_box::OrientedBox,
-};
+use crate::geometry::{fit::MapBox, light_frame::LightFrame, oriented_box::OrientedBox};
 
 /// Why a map is drawn anew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -134,7 +132,7 @@ fn ahead(
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
         (Redraw::Moved, Some(held)) => {
             let moved = volume.body.center() - held.center;
-            let across = inputs.light.world_from_light().transpose() * moved;
+            let across = inputs.light.measured(moved);
             let share =
                 across.truncate() / across.truncate().abs().max_element().max(f64::MIN_POSITIVE);
             let map_box = map_box.moved(share * spare);
@@ -158,7 +156,6 @@ pub(super) fn hold(
     size: UVec2,
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
-    let margin = wanted.margin(inputs);
     let redraw = held.as_ref().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
@@ -178,12 +175,13 @@ pub(super) fn hold(
     let mut map = CascadeMap {
         aliasing: held.placed.aliasing(inputs, volume),
         redraw,
+        hull_now: held.placed.hull(inputs, volume, 0.0),
         ..held.map.clone()
     };
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {
         map.redraw = redraw.or(Some(Redraw::EveryFrame));
         // It need not last.
-        map.hull = CasterHull::new(&volume.body, inputs.light.z, margin);
+        map.hull = map.hull_now.clone();
     }
     Some(map)
 }

@@ -100,7 +100,7 @@ impl PlacedMap {
         Self {
             clip_from_world: map_box.clip_from_world(light),
             world_from_cascade: map_box.world_from_cascade(light),
-            axes: [light.x, light.y],
+            axes: light.axes(),
             texel: map_box.texel,
             fit,
             strength: 0.0,
@@ -147,7 +147,8 @@ impl PlacedMap {
         if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
             return None;
         }
-        let margin = self.margin(inputs) + spare.around;
+        let hull_now = self.hull(inputs, volume, 0.0);
+        let hull = self.hull(inputs, volume, spare.around);
         Some(CascadeMap {
             clip_from_world,
             clip_from_cascade: clip_from_world * world_from_cascade,
@@ -155,10 +156,16 @@ impl PlacedMap {
             texel: self.texel,
             fit: self.fit,
             strength: self.strength,
-            hull: CasterHull::new(&volume.body, inputs.light.z, margin).extended(spare.along),
+            hull: hull.extended(spare.along),
+            hull_now,
             aliasing: self.aliasing(inputs, volume),
             redraw: Some(redraw),
         })
+    }
+
+    /// Where casters matter to a volume, and so far beyond it (meters).
+    pub fn hull(&self, inputs: &PlanInputs, volume: &CascadeVolume, beyond: f64) -> CasterHull {
+        CasterHull::new(&volume.body, inputs.light.z, self.margin(inputs) + beyond)
     }
 
     /// What lookups reach beyond what is shaded (meters): filters are square, and texels have corners.

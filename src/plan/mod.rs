@@ -75,8 +75,11 @@ pub struct CascadeMap {
     /// How strongly the map is warped (1/meters; the reciprocal of the distance from the center of
     /// projection to the body); 0 if it is not.
     pub strength: f64,
-    /// Where casters can stand that matter to what receives shadows in the slice.
+    /// Where casters can stand that matter to what receives shadows in the slice, for as long as the map is
+    /// held.
     pub hull: CasterHull,
+    /// The same, in this frame.
+    pub hull_now: CasterHull,
     /// The worst aliasing over what receives shadows, for a map of one texel and an image one pixel high
     /// (Lloyd et al. 2006, Eq. 1, perspective part). For the first cascade, from the
     /// configuration's `near` on: at the eye no map is large enough. `None` where the map has no
@@ -258,7 +261,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
                     extent, held, sun, ..
                 } = &mut kept[index];
                 let inputs = &PlanInputs {
-                    light: &sun.frame(inputs, volume.body.center(), due[index]),
+                    light: &sun.frame(inputs, volume.middle(), due[index]),
                     ..*inputs
                 };
                 let (size, slack) = (sizes[index], inputs.slack());

@@ -4,12 +4,16 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::{CascadeHistory, PlanInputs};
 use crate::{
-    config::{CascadeFit, MAX_CASCADES},
+    config::{CascadeFit, MAX_CASCADES, TexelGrid},
     geometry::light_frame::{LightFrame, angle_between},
 };
 
 /// Faster suns jump (radians from frame to frame, or from what maps are drawn for).
 const CUT: f64 = 0.1;
+
+/// Maps that follow a sun go so far beyond it (share of a step): less than it may be off by, or they would come
+/// back as it rests.
+const BEYOND: f64 = 0.4;
 
 /// The light's frame that a cascade's map is laid in.
 #[derive(Debug, Default, Clone, PartialEq)]
@@ -32,30 +36,80 @@ impl FollowedSun {
     pub fn frame(&mut self, inputs: &PlanInputs, seen: DVec3, beyond: Option<f64>) -> LightFrame {
         let to_light = inputs.light.z;
         let at = inputs.light.origin;
-        let fresh = inputs.light.at(DVec3::ZERO);
         let frame = match (self.frame, self.error(to_light)) {
             (Some(frame), Some(error)) => beyond.map_or(frame, |beyond| {
-                if error == 0.0 {
-                    return frame;
-                }
                 let ahead = ahead(frame.z, to_light, error, beyond);
-                let turned = self.about(frame, seen - at).following(ahead);
-                turned.unwrap_or(fresh)
+                self.turned(inputs, frame, seen - at, ahead)
             }),
-            _ => fresh,
+            _ => fresh(inputs, seen - at),
         };
         self.frame = Some(frame);
         frame.at(at + frame.origin)
     }
 
-    /// The same grid, anchored next to a point: what turns about that moves little of what is seen.
-    fn about(&self, frame: LightFrame, point: DVec3) -> LightFrame {
-        let cell = self.texel.extend(self.texel.max_element());
-        if cell.min_element() <= 0.0 {
+    /// The frame after a turn of the sun, about a point: then little of what is seen there moves.
+    fn turned(
+        &self,
+        inputs: &PlanInputs,
+        frame: LightFrame,
+        point: DVec3,
+        to_light: DVec3,
+    ) -> LightFrame {
+        if frame.z == to_light {
             return frame;
         }
-        let whole = (frame.light_from_world(point) / cell).round() * cell;
-        frame.at(frame.origin + frame.world_from_light() * whole)
+        let frame = frame.at(self.anchor(&frame, point));
+        let lowest = if frame.is_grounded {
+            LOWEST_KEPT
+        } else {
+            LOWEST
+        };
+        let grounded = is_grounded(inputs)
+            .then(|| LightFrame::grounded(to_light, lowest))
+            .flatten();
+        let turned = match grounded {
+            Some(grounded) => Some(grounded.at(frame.origin)),
+            // Nothing that it could follow.
+            None if frame.is_grounded => None,
+            None => frame.following(to_light),
+        };
+        turned.unwrap_or_else(|| fresh(inputs, point))
+    }
+
+    /// The origin of the same grid that lies next to a point: whole texels from the one it has, and on the
+    /// point's level.
+    fn anchor(&self, frame: &LightFrame, point: DVec3) -> DVec3 {
+        if self.texel.min_element() <= 0.0 {
+            return frame.origin;
+        }
+        let offset = frame.light_from_world(point).truncate();
+        let whole = (offset / self.texel).round() * self.texel;
+        let across = frame.origin + frame.world_from_light() * whole.extend(0.0);
+        // Along the light nothing moves over the map.
+        let along = if frame.is_grounded {
+            (point.y - across.y) / frame.z.y
+        } else {
+            frame.z.dot(point - across)
+        };
+        across + frame.z * along
+    }
+}
+
+/// Below this sine of its elevation (8°), a sun's maps do not stand on the ground; those that do, do so down
+/// to 6°.
+const LOWEST: f64 = 0.139;
+const LOWEST_KEPT: f64 = 0.105;
+
+fn is_grounded(inputs: &PlanInputs) -> bool {
+    inputs.config.grid == TexelGrid::Ground
+}
+
+/// A frame that follows none, from where grids are anchored.
+fn fresh(inputs: &PlanInputs, point: DVec3) -> LightFrame {
+    let grounded = is_grounded(inputs).then(|| LightFrame::grounded(inputs.light.z, LOWEST));
+    match grounded.flatten() {
+        Some(grounded) => grounded.at(point.y * DVec3::Y),
+        None => inputs.light.at(DVec3::ZERO),
     }
 }
 
@@ -89,6 +143,12 @@ pub(super) fn due(
     core::array::from_fn(|index| {
         let error = errors[index];
         let is_due = error > step || index == farthest && error > 0.5 * step;
-        is_due.then_some(0.5 * step)
+        // A sun that has jumped need not go on.
+        let beyond = if error > 2.0 * step {
+            0.0
+        } else {
+            BEYOND * step
+        };
+        is_due.then_some(beyond)
     })
 }

@@ -18,6 +18,8 @@ pub(super) struct CascadeVolume {
     pub body: ConvexBody,
     /// That from the configuration's near on, if it is less: at the eye no map is large enough.
     beyond_near: Option<ConvexBody>,
+    /// Height of the middle of what receives shadows, in world space: a body that is held may be much thicker.
+    level: f64,
     /// Along what a warp runs, if that is not the configuration's.
     pub axis: Option<DVec3>,
 }
@@ -28,6 +30,7 @@ impl CascadeVolume {
         let slice = inputs.view.slice(near, far)?;
         let body = ConvexBody::of_slice(&slice);
         let mut volume = Self {
+            level: slice.center.y,
             slice,
             body,
             beyond_near: None,
@@ -42,7 +45,7 @@ impl CascadeVolume {
 
     /// The part in which something receives shadows, if there is any. `found` is their extent.
     pub fn focused(
-        self,
+        mut self,
         inputs: &PlanInputs,
         found: Extent,
         is_steady: bool,
@@ -51,6 +54,7 @@ impl CascadeVolume {
         if found.is_empty() {
             return None;
         }
+        self.level = 0.5 * (found.lo.y + found.hi.y);
         // A steady map's extent is held, not what it is fitted to.
         let found = if is_steady {
             padded(inputs, found, self.slice.radius)
@@ -58,6 +62,11 @@ impl CascadeVolume {
             kept_extent(inputs, found, self.slice.radius, history)
         };
         self.clipped(&found.planes(&Depth::new(inputs.view)))
+    }
+
+    /// The middle of what receives shadows.
+    pub fn middle(&self) -> DVec3 {
+        self.body.center().with_y(self.level)
     }
 
     /// What of it predictions and warps are for.

@@ -14,10 +14,10 @@ use bevy::{
         world::World,
     },
     light::{CascadeShadowConfig, Cascades, DirectionalLight, DirectionalLightShadowMap},
-    math::{UVec2, Vec3},
+    math::{DVec2, UVec2, Vec3},
     render::{
         Extract, MainWorld,
-        sync_world::{MainEntity, MainEntityHashMap},
+        sync_world::{MainEntity, MainEntityHashMap, RenderEntity},
     },
     shape::ViewFrustum,
 };
@@ -26,7 +26,7 @@ use super::options::LookupOptions;
 use crate::{
     config::{MAX_CASCADES, MIN_MAP_SIZE},
     debug::ShadowOverlay,
-    plan::CascadePlan,
+    plan::{CascadeMap, CascadePlan},
     systems::{CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, empty_cascade},
 };
 
@@ -47,7 +47,7 @@ pub(crate) struct ExtractedLight {
     /// By camera: its cascades.
     pub views: MainEntityHashMap<Vec<ExtractedCascade>>,
     /// By camera: for each cascade the casters that move, in the order of their entities.
-    pub moving: MainEntityHashMap<[Vec<MainEntity>; MAX_CASCADES]>,
+    pub moving: MainEntityHashMap<[Vec<(Entity, MainEntity)>; MAX_CASCADES]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,7 +97,7 @@ impl From<&CascadePlan> for ExtractedCascade {
             has_map: map.is_some(),
             may_hold: map.is_some_and(|map| map.redraw.is_none()),
             is_drawn_always: false,
-            texel: map.map_or([0.0; 2], |map| map.texel.as_vec2().to_array()),
+            texel: map.map_or([0.0; 2], |map| texel_edges(map, plan.map_size)),
             depth_per_meter: map.map_or(0.0, |map| {
                 map.clip_from_world.row(2).truncate().length() as f32
             }),
@@ -110,6 +110,15 @@ impl From<&CascadePlan> for ExtractedCascade {
             }),
         }
     }
+}
+
+/// How far texels next to each other lie apart across the light, along both of a map's axes (meters): of maps
+/// that are not in perspective.
+fn texel_edges(map: &CascadeMap, map_size: UVec2) -> [f32; 2] {
+    let [x, y, z] = [0, 1, 2].map(|row| map.clip_from_world.row(row).truncate());
+    let per_area = x.dot(y.cross(z)).abs().recip();
+    let per_ndc = DVec2::new(y.cross(z).length(), z.cross(x).length()) * per_area;
+    (2.0 * per_ndc / map_size.as_dvec2()).as_vec2().to_array()
 }
 
 #[derive(QueryData)]
@@ -127,7 +136,12 @@ pub(super) fn extract_shadows(
     lights: Extract<Query<LightToExtract>>,
     overlay: Extract<Res<ShadowOverlay>>,
     built_in: Extract<Res<DirectionalLightShadowMap>>,
+    mapper: Extract<Query<RenderEntity>>,
 ) {
+    let pair = |caster: Entity| {
+        let synced = mapper.get(caster).unwrap_or(Entity::PLACEHOLDER);
+        (synced, MainEntity::from(caster))
+    };
     extracted.built_in_size = built_in.size;
     extracted.overlay = **overlay;
     extracted.frame += 1;
@@ -150,9 +164,7 @@ pub(super) fn extract_shadows(
         let moving = it.casters.moving.iter().map(|(view, casters)| {
             let of_cascade = |index| {
                 let inside = casters.iter().filter(|(_, set)| set.contains(index));
-                inside
-                    .map(|(caster, _)| MainEntity::from(*caster))
-                    .collect()
+                inside.map(|(caster, _)| pair(*caster)).collect()
             };
             (MainEntity::from(*view), core::array::from_fn(of_cascade))
         });

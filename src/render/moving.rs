@@ -12,14 +12,16 @@ use bevy::{
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap},
-        query::{Has, QueryData, Without},
+        query::{Has, QueryData, With, Without},
         resource::Resource,
         schedule::ScheduleLabel,
         system::{Commands, Query, Res, ResMut, SystemChangeTick},
         world::World,
     },
+    math::UVec4,
     mesh::Mesh3d,
     pbr::{LightEntity, Shadow},
+    platform::collections::HashSet,
     render::{
         batching::gpu_preprocessing::{GpuPreprocessingMode, GpuPreprocessingSupport},
         render_phase::ViewBinnedRenderPhases,
@@ -63,7 +65,7 @@ struct MovingMap {
 }
 
 /// After so many frames without anything that moves, what rests is drawn into the map itself again.
-const PATIENCE: u32 = 600;
+const PATIENCE: u32 = 120;
 
 impl MovingViews {
     /// Whether a map's own view draws apart from it.
@@ -115,7 +117,10 @@ pub(super) fn add_moving_views(
             let of_camera = light.moving.get(&own.auxiliary_entity?)?;
             of_camera.get(cascade_index)
         });
-        let casters = casters.map_or([].as_slice(), Vec::as_slice);
+        // Nothing is drawn over the maps of this light.
+        let Some(casters) = casters else {
+            continue;
+        };
         let before = known.remove(&it.entity);
         if casters.is_empty() && before.is_none() {
             continue;
@@ -157,6 +162,8 @@ pub(super) fn add_moving_views(
             view.remove::<NoIndirectDrawing>();
             GpuPreprocessingMode::Culling
         };
+        // Where a frame was cut short, the last one's are still there.
+        phases.remove(&retained);
         phases.prepare_for_new_frame(retained, support.min(most));
         lists
             .subviews
@@ -181,14 +188,10 @@ fn copy_of(view: &ExtractedView) -> ExtractedView {
     }
 }
 
-fn listed(casters: &[MainEntity]) -> RenderVisibleEntities {
-    let entities: Vec<_> = casters
-        .iter()
-        .map(|caster| (Entity::PLACEHOLDER, *caster))
-        .collect();
+fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities {
     let class = RenderVisibleEntitiesClass {
-        added_entities: entities.clone(),
-        entities_cpu_culling: entities,
+        added_entities: casters.to_vec(),
+        entities_cpu_culling: casters.to_vec(),
         ..Default::default()
     };
     RenderVisibleEntities {
@@ -199,12 +202,22 @@ fn listed(casters: &[MainEntity]) -> RenderVisibleEntities {
 /// Makes room for what rests, apart from the maps that are looked up.
 pub(super) fn make_room_apart(
     maps: Query<(Entity, &AdoptedMap)>,
+    mut moving: Query<&mut ExtractedView, With<MovingView>>,
     views: Res<MovingViews>,
     device: Res<RenderDevice>,
     mut target: ResMut<ShadowTarget>,
 ) {
-    let layers = maps.iter().filter(|(view, _)| views.are_over(*view));
-    target.keep_apart(&device, layers.map(|(_, map)| map.layer).collect());
+    let mut layers = HashSet::default();
+    for (view, map) in &maps {
+        let Some(over) = views.0.get(&view) else {
+            continue;
+        };
+        layers.insert(map.layer);
+        if let Ok(mut extracted) = moving.get_mut(over.view) {
+            extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
+        }
+    }
+    target.keep_apart(&device, layers);
 }
 
 /// Decides which maps are put together anew: where what rests has been drawn, or something moves or did.

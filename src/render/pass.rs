@@ -40,6 +40,9 @@ use super::{
 /// and so on.
 pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
 
+/// As [`SHADOW_PASS_SPAN`], of what moves in a map.
+pub const MOVING_PASS_SPAN: &str = "pssm_moving_casters";
+
 /// The schedule that draws the map of one directional light's cascade.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub struct DrawShadowMap;
@@ -115,7 +118,8 @@ pub fn shadow_map_pass(
     }
     // Reverse z: nothing is farther than 0.
     let load = LoadOp::Clear(0.0);
-    draw(&mut ctx, world, entity, map, phase, layer, load);
+    let span = SHADOW_PASS_SPAN;
+    draw(&mut ctx, world, entity, map, phase, layer, load, span);
 }
 
 /// Draws what moves over a copy of what rests.
@@ -145,7 +149,8 @@ fn moving_casters_pass(
         target.copy_from_apart(ctx.command_encoder(), map.layer);
         LoadOp::Load
     };
-    draw(&mut ctx, world, entity, map, phase, layer, load);
+    let span = MOVING_PASS_SPAN;
+    draw(&mut ctx, world, entity, map, phase, layer, load, span);
 }
 
 /// Draws a phase into a map's layer.
@@ -157,11 +162,12 @@ fn draw(
     phase: &BinnedRenderPhase<Shadow>,
     layer: &TextureView,
     load: LoadOp<f32>,
+    name: &'static str,
 ) {
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
-        label: Some(SHADOW_PASS_SPAN),
+        label: Some(name),
         depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
             view: layer,
             depth_ops: Some(Operations {
@@ -172,7 +178,7 @@ fn draw(
         }),
         ..Default::default()
     });
-    let span = diagnostics.pass_span(&mut pass, format!("{SHADOW_PASS_SPAN}_{}", map.layer));
+    let span = diagnostics.pass_span(&mut pass, format!("{name}_{}", map.layer));
     let [width, height] = map.size.to_array();
     pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
     pass.set_scissor_rect(0, 0, width, height);

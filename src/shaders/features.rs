@@ -8,6 +8,7 @@ use bevy::{
 
 use crate::config::{
     CascadeFit, DepthDistribution, MapFit, ParallelSplitShadows, ShadowBias, ShadowFilter,
+    TexelGrid,
 };
 
 /// Parts of the shader that are compiled in, for code that never runs costs registers all the
@@ -34,6 +35,8 @@ pub struct ShaderFeatures {
     pub warps: bool,
     /// [`CascadeFit::Faces`].
     pub faces: bool,
+    /// [`TexelGrid::Ground`].
+    pub sheared: bool,
     /// [`ShadowOverlay`](crate::ShadowOverlay).
     pub overlays: bool,
     /// Lookups in vertex and compute shaders, as a game's own materials may have: they have no derivatives, so
@@ -52,6 +55,7 @@ impl ShaderFeatures {
         soft: true,
         warps: true,
         faces: true,
+        sheared: true,
         overlays: true,
         any_stage: false,
     };
@@ -66,6 +70,7 @@ impl ShaderFeatures {
             soft: matches!(filter, ShadowFilter::Soft { .. }),
             warps: config.fit.any(|fit| matches!(fit, MapFit::Warped(_))),
             faces: config.fit == CascadeFit::Faces,
+            sheared: config.grid == TexelGrid::Ground,
             ..Self::default()
         }
     }
@@ -79,13 +84,14 @@ impl ShaderFeatures {
             soft: self.soft || other.soft,
             warps: self.warps || other.warps,
             faces: self.faces || other.faces,
+            sheared: self.sheared || other.sheared,
             overlays: self.overlays || other.overlays,
             any_stage: self.any_stage || other.any_stage,
         }
     }
 
     /// The switches of the shader library that leave all else out.
-    pub fn defs(self) -> [ShaderDefVal; 9] {
+    pub fn defs(self) -> [ShaderDefVal; 10] {
         // Browsers reject derivatives where control flow may differ between pixels.
         let has_derivatives = !self.any_stage && cfg!(not(target_family = "wasm"));
         [
@@ -96,6 +102,7 @@ impl ShaderFeatures {
             ("PSSM_SOFT", self.soft),
             ("PSSM_WARPS", self.warps),
             ("PSSM_FACES", self.faces),
+            ("PSSM_SHEARED", self.sheared),
             ("PSSM_OVERLAYS", self.overlays),
             ("PSSM_DERIVATIVES", has_derivatives),
         ]

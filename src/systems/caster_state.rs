@@ -197,7 +197,7 @@ impl Found {
         displaced: &EntityHashSet,
         known_moving: &MovingCasters,
     ) {
-        if self.casters.len() + self.moving.len() > MOST {
+        if self.casters.len() > MOST {
             self.has_receiver = true;
             *it.record.bypass_change_detection() = CasterRecord::Unknown;
             return;
@@ -246,7 +246,7 @@ impl Found {
         self.has_receiver |= !is_same;
         if is_restless || !is_same && updates != ShadowUpdates::Never {
             let moves = is_restless || record.differs_by_place(&state);
-            if moves && !it.is_gpu_culled {
+            if moves && !it.is_gpu_culled && state.caster().is_some() {
                 self.moving.push(it.entity);
             }
             if !known_moving.contains(it.entity) || it.is_gpu_culled {

@@ -45,8 +45,9 @@ pub struct ChangedCasters {
     moving: MovingCasters,
     /// Whether anything has changed of what meshes receive shadows with.
     have_receivers_changed: bool,
-    /// What has gone since then.
+    /// What has gone since then, and whether anything has.
     removed: Vec<CasterRecord>,
+    has_receiver_gone: bool,
     /// Whether an image that masks casters has changed since then.
     has_new_mask: bool,
 }
@@ -68,6 +69,7 @@ impl ChangedCasters {
 
     fn note_removed(&mut self, caster: Entity, record: &mut CasterRecord) {
         let record = core::mem::take(record);
+        self.has_receiver_gone = true;
         if !self.moving.remove(caster) && record != CasterRecord::Nothing {
             self.removed.push(record);
         }
@@ -137,7 +139,7 @@ pub fn find_changes(
         |found, mut it| found.compare(&mut it, &surroundings, &displaced, &changed.moving),
     );
     let mut found = Found {
-        has_receiver: !changed.removed.is_empty(),
+        has_receiver: core::mem::take(&mut changed.has_receiver_gone),
         ..Found::default()
     };
     let removed = changed.removed.drain(..);
@@ -169,18 +171,20 @@ pub fn find_changes(
         commands.entity(entity).try_insert(CasterRecord::default());
     }
     changed.have_receivers_changed = found.has_receiver;
-    changed.changes = if found.casters.len() + found.moving.len() > MOST {
+    let stopped = found.resting.into_iter();
+    let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
+    let resting = changed.moving.update(found.moving);
+    let too_many = found.casters.len() > MOST || changed.moving.len() > MOST;
+    if changed.moving.len() > MOST {
         changed.moving.clear();
-        CasterChanges::Anywhere
-    } else {
-        let stopped = found.resting.into_iter();
-        let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
-        let resting = changed.moving.update(found.moving).into_iter();
-        let resting = resting
-            .chain(stopped)
-            .filter_map(|caster| all.get(caster).ok()?.record.caster());
-        let bounds: Option<Vec<_>> = found.casters.into_iter().chain(resting).collect();
-        bounds.map_or(CasterChanges::Anywhere, CasterChanges::At)
+    }
+    let resting = resting.into_iter().chain(stopped);
+    let resting = resting.filter_map(|caster| all.get(caster).ok()?.record.caster());
+    let casters = found.casters.into_iter().chain(resting);
+    let bounds: Option<Vec<_>> = casters.filter(|_| !too_many).collect();
+    changed.changes = match bounds {
+        Some(bounds) if !too_many => CasterChanges::At(bounds),
+        _ => CasterChanges::Anywhere,
     };
 }
 

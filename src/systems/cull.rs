@@ -30,6 +30,7 @@ use super::{
 };
 use crate::{
     config::{CasterCulling, MAX_CASCADES, MapUpdates},
+    geometry::hull::CasterHull,
     plan::{CascadeMap, CascadePlan},
     support::ShadowSupport,
 };
@@ -140,8 +141,13 @@ struct Culling<'a> {
 }
 
 impl Culling<'_> {
-    /// Those of the cascades that a caster matters to.
-    fn cascades(&self, caster: &CasterItem, among: CascadeSet) -> CascadeSet {
+    /// Those of the cascades that a caster matters to, by one of the hulls of their maps.
+    fn cascades(
+        &self,
+        caster: &CasterItem,
+        among: CascadeSet,
+        hull: fn(&CascadeMap) -> &CasterHull,
+    ) -> CascadeSet {
         let layers_meet = self
             .light_layers
             .intersects(caster.layers.unwrap_or_default());
@@ -157,14 +163,14 @@ impl Culling<'_> {
                 let margin = Margin::of(caster.entity, caster.margin, self.displaced);
                 let affine = transform.affine();
                 let (center, radius) = bounding_sphere(aabb, &affine, margin);
-                let is_near = |map: &CascadeMap| map.hull.intersects_sphere(center, radius);
+                let is_near = |map: &CascadeMap| hull(map).intersects_sphere(center, radius);
                 let near = among.and(maps_where(self.plan, is_near));
                 if near.is_empty() {
                     return near;
                 }
                 let bounds = world_bounds(aabb, &affine, margin);
                 near.and(maps_where(self.plan, |map| {
-                    map.hull.intersects_box(&bounds)
+                    hull(map).intersects_box(&bounds)
                 }))
             }
             // Without bounds it matters to all.
@@ -233,11 +239,12 @@ pub fn cull_casters(
             let is_known = it.casters.views.contains_key(view);
             let CasterCascades {
                 views: known,
-                moving: over,
+                moving: of_views,
             } = &mut *it.casters;
             let known = known.entry(*view).or_default();
             let mapped = maps_where(plan, |_| true);
-            let held = if is_known {
+            // Lists of what moves are not there when Bevy draws.
+            let held = if is_known && is_split {
                 maps_where(plan, |map| map.redraw.is_none())
             } else {
                 CascadeSet::default()
@@ -276,7 +283,7 @@ pub fn cull_casters(
                         if moving.contains(caster.entity) {
                             return;
                         }
-                        let cascades = culling.cascades(&caster, culled);
+                        let cascades = culling.cascades(&caster, culled, |map| &map.hull);
                         if !cascades.is_empty() {
                             caster.visibility.set_visible();
                             found.push((caster.entity, cascades));
@@ -294,20 +301,24 @@ pub fn cull_casters(
                     is_same
                 });
             }
-            let over = over.entry(*view).or_default();
-            over.clear();
-            let mut movable = casters.p0();
-            for caster in moving.iter() {
-                let Ok(mut caster) = movable.get_mut(caster) else {
-                    continue;
-                };
-                let cascades = culling.cascades(&caster, mapped);
-                if !cascades.is_empty() {
-                    caster.visibility.set_visible();
-                    over.push((caster.entity, cascades));
+            if is_split {
+                let over = of_views.entry(*view).or_default();
+                over.clear();
+                let mut movable = casters.p0();
+                for caster in moving.iter() {
+                    let Ok(mut caster) = movable.get_mut(caster) else {
+                        continue;
+                    };
+                    let cascades = culling.cascades(&caster, mapped, |map| &map.hull_now);
+                    if !cascades.is_empty() {
+                        caster.visibility.set_visible();
+                        over.push((caster.entity, cascades));
+                    }
                 }
+                over.sort_unstable_by_key(|(entity, _)| *entity);
+            } else {
+                of_views.remove(view);
             }
-            over.sort_unstable_by_key(|(entity, _)| *entity);
 
             let view_lists = it.lists.entities.entry(*view).or_default();
             // Bevy drops those of views that it culls nothing for.

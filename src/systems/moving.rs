@@ -17,8 +17,8 @@ pub struct MovingCasters {
 }
 
 impl MovingCasters {
-    pub fn is_empty(&self) -> bool {
-        self.casters.is_empty()
+    pub fn len(&self) -> usize {
+        self.casters.len()
     }
 
     pub fn contains(&self, caster: Entity) -> bool {

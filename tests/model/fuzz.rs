@@ -21,7 +21,7 @@ const TEXTS: [&str; 5] = [
         splits: Manual([20.0, 110.5]),
         fit: PerCascade([Stable, Tight, Warped(Strength(0.5))]),
         map_size: PerCascade([(1000, 1000), (777, 777), (64, 65)]),
-        filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25,
+        filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25, grid: Ground, sun_step: 0.5,
         comparison: (
             culling: Off, bias: SlopeScaled(factor: 2.0, meters: 0.01), caster_faces: Back,
             depth: Linear, focus: Off, warp_axis: BodyCenter, updates: EveryFrame,
@@ -354,7 +354,7 @@ fn bias() -> impl Strategy<Value = ShadowBias> {
 fn config() -> impl Strategy<Value = ParallelSplitShadows> {
     let range = (number(0.0..10.0), number(10.0..2000.0));
     let shares = (number(0.0..0.5), number(0.0..1.0), number(0.0..1.0));
-    let comparison = (bias(), any::<[bool; 3]>());
+    let comparison = (bias(), any::<[bool; 4]>(), number(0.0..1.0));
     (
         count(1..5),
         range,
@@ -368,7 +368,8 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         .prop_map(
             |(cascades, range, splits, shares, fit, map_size, filter, comparison)| {
                 let ((near, far), (blend, fade, slack)) = (range, shares);
-                let (bias, [is_linear, is_to_center, is_unfocused]) = comparison;
+                let (bias, [is_linear, is_to_center, is_unfocused, is_grounded], sun_step) =
+                    comparison;
                 let depth = if is_linear {
                     DepthDistribution::Linear
                 } else {
@@ -395,6 +396,12 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     slack,
                     map_size,
                     filter,
+                    grid: if is_grounded {
+                        TexelGrid::Ground
+                    } else {
+                        TexelGrid::Light
+                    },
+                    sun_step,
                     comparison: Comparison {
                         bias,
                         depth,

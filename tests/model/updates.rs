@@ -36,11 +36,9 @@ fn drawn(app: &App, view: Entity, light: Entity) -> usize {
         .zip(lists)
         .filter(|(map, _)| map.is_some_and(|map| map.redraw.is_some()));
     let resting: usize = redrawn.map(|(_, list)| list.entities.len()).sum();
-    let moving = &light.get::<CasterCascades>().unwrap().moving[&view];
-    let moving: usize = moving
-        .iter()
-        .map(|(_, cascades)| cascades.iter().count())
-        .sum();
+    let moving = light.get::<CasterCascades>().unwrap().moving.get(&view);
+    let moving = moving.into_iter().flatten();
+    let moving: usize = moving.map(|(_, cascades)| cascades.iter().count()).sum();
     resting + moving
 }
 

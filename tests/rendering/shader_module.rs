@@ -129,6 +129,7 @@ fn every_flag_combination_compiles() {
             built_in: has(6),
             // With half of everything else.
             faces: set.count_ones() % 2 == 1,
+            sheared: set.count_ones() % 4 < 2,
             any_stage: set & 3 == 3,
         };
         let defs = shader_defs(parts);

@@ -28,7 +28,7 @@ const SIZE: UVec2 = UVec2::new(160, 120);
 const MAX_MAP_SIZE: u32 = 512;
 
 /// Frames after which nothing is left of what came and went: more than layers are kept for.
-const REST: usize = 70;
+const REST: usize = 210;
 
 /// What Bevy's buffers may keep of what they have grown by (bytes): less than the maps of all lights.
 const MOST_GROWTH: u64 = 24 << 20;
@@ -633,6 +633,8 @@ fn any_config(dice: &mut Dice) -> ParallelSplitShadows {
         slack: dice.roll(),
         map_size,
         filter: any_filter(dice),
+        grid: dice.any(&[TexelGrid::Light, TexelGrid::Ground]),
+        sun_step: dice.roll(),
         transition: dice.any(&[CascadeTransition::CrossFade, CascadeTransition::Dither]),
         comparison: any_comparison(dice),
     };

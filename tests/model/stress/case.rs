@@ -490,7 +490,11 @@ pub fn maps_are_sound(planned: &Planned) -> Outcome {
             prop_assert!(rise > 0.0, "{rise} at {place}: {map:?}");
             if is_flat {
                 let square = x.normalize().cross(y.normalize()).dot(planned.to_light);
-                prop_assert!(square > 0.999, "{square}: {map:?}");
+                let mut configs = planned.case.configs.iter();
+                // Sheared by a sun 6° high, over a corner.
+                let is_sheared = configs.any(|config| config.grid == TexelGrid::Ground);
+                let least = if is_sheared { 0.19 } else { 0.999 };
+                prop_assert!(square > least, "{square}: {map:?}");
             }
             // Of what the strongest warps leave for what is far, rounding may leave nothing.
             let most = |row: usize| {

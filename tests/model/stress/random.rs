@@ -101,7 +101,11 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         0.0..=1.0_f32,
         prop_oneof![Just(0.0_f32), 0.0..=1.0_f32],
     );
-    let comparison = (any::<bool>(), prop::bool::weighted(0.2));
+    let comparison = (
+        any::<bool>(),
+        prop::bool::weighted(0.2),
+        prop::bool::weighted(0.3),
+    );
     (
         1..=4_u32,
         powers(-2.0..7.0),
@@ -124,7 +128,7 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                 let near = (f64::from(far) / ratio).max(1e-6) as f32;
                 let (kind, sides) = size;
                 let (blend, fade, slack) = shares;
-                let (is_to_center, is_unfocused) = comparison;
+                let (is_to_center, is_unfocused, is_grounded) = comparison;
                 ParallelSplitShadows {
                     cascades,
                     near,
@@ -135,6 +139,11 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     fit: for_cascades(&fit, cascades),
                     slack,
                     map_size: map_size(kind, sides, cascades),
+                    grid: if is_grounded {
+                        TexelGrid::Ground
+                    } else {
+                        TexelGrid::Light
+                    },
                     comparison: Comparison {
                         warp_axis: if is_to_center {
                             WarpAxis::BodyCenter
