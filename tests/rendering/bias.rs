@@ -106,7 +106,35 @@ fn variations() -> Vec<Variation> {
         reach,
     })
     .chain([oblong(Stable), oblong(Tight)])
+    .chain(grounded())
     .collect()
+}
+
+/// Sheared maps.
+fn grounded() -> impl Iterator<Item = Variation> {
+    use CascadeFit::{Stable, Steady, Tight};
+    let tent = |texels| ShadowFilter::Tent(FilterRadius::Texels(texels));
+    [
+        (Stable, 1024, tent(2.65), 2.65),
+        (Stable, 256, tent(5.0), 5.0),
+        (Steady, 1024, ShadowFilter::Camera, 2.65),
+        (Tight, 4096, tent(1.0), 1.0),
+        (Tight, 256, tent(5.0), 5.0),
+    ]
+    .into_iter()
+    .map(|(fit, size, filter, reach)| Variation {
+        name: format!("{fit:?}_{size}_{reach}_grounded"),
+        config: ParallelSplitShadows {
+            far: 150.0,
+            slack: if fit == Stable { 0.0 } else { 0.1 },
+            fit,
+            map_size: MapSize::Same(size),
+            filter,
+            grid: TexelGrid::Ground,
+            ..default()
+        },
+        reach,
+    })
 }
 
 /// Maps twice as wide as high.
