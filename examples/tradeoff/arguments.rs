@@ -48,6 +48,9 @@ pub struct Arguments {
     /// Steadiness too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv.
     #[arg(long)]
     pub paths: bool,
+    /// What changes while the sun moves, by texel grid and step: suns.csv.
+    #[arg(long)]
+    pub suns: bool,
     /// No scenes, but small cases that biases fail in, and what filters cost: lookups.md. With
     /// `--quick`, Bevy's best biases are not searched for.
     #[arg(long)]

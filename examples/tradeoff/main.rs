@@ -39,12 +39,13 @@ use report::{SceneReport, picture_name};
 use scene::ScenesPlugin;
 use scene_stage::SceneStage;
 use study::{
+    day::sun_settings,
     flicker::Motion,
     paths::{FOLLOWED, LOOKED_AT, Path, PathRow},
     pictures,
     row::{Row, rounded},
     run::{Effort, Outcome, View},
-    settings::{Setting, Stock, grid, map_sizes},
+    settings::{Setting, Stock, Technique, grid, map_sizes},
     studio::{Stance, Studio, linear_camera, measurable_app},
     tune::{TUNED_SIZE, attempts},
 };
@@ -230,6 +231,7 @@ fn measure_scene(
     let mut report = SceneReport {
         name: name.clone(),
         paths: Vec::new(),
+        suns: Vec::new(),
         settings: Vec::new(),
         rows: Vec::new(),
         worst_pose: Vec::new(),
@@ -258,6 +260,25 @@ fn measure_scene(
             |setting: &&Setting| !wanted.is_empty() || FOLLOWED.contains(&setting.name.as_str());
         let followed: Vec<_> = report.settings.iter().filter(is_followed).collect();
         report.paths = follow(name, &mut studio, &stances, &ground, &followed, progress);
+    }
+    if arguments.suns {
+        let stock = report
+            .settings
+            .iter()
+            .filter_map(|setting| match setting.technique {
+                Technique::Bevy(stock) if stock.map_size == TUNED_SIZE => Some(stock),
+                _ => None,
+            });
+        let stock: Vec<_> = stock.collect();
+        let config = ParallelSplitShadows {
+            near: preset.near,
+            far: preset.far,
+            ..ParallelSplitShadows::default()
+        };
+        let settings = sun_settings(&config, &stock);
+        let tracer = studio.tracer(&stances[0]);
+        let say = |text: &str| progress.say(&format!("{name}: {text}"));
+        report.suns = studio.under_moving_suns(name, &stances[0], &settings, &tracer, say);
     }
     Ok(report)
 }

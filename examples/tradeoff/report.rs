@@ -3,11 +3,14 @@
 use core::{error::Error, fmt::Write as _};
 use std::path::Path;
 
+use serde::Serialize;
+
 use crate::{
     pareto::{Axis, front},
     plot,
     study::{
         alternatives::Alternative,
+        day::SunRow,
         paths::{Path as CameraPath, PathRow},
         row::{COLUMNS, Row},
         settings::{Setting, Technique},
@@ -29,6 +32,8 @@ pub struct SceneReport {
     pub rows: Vec<Row>,
     /// Steadiness along paths, if asked for.
     pub paths: Vec<PathRow>,
+    /// What changes while the sun moves, if asked for.
+    pub suns: Vec<SunRow>,
     /// By row: the pose where it is worst, whose pictures are kept.
     pub worst_pose: Vec<usize>,
     /// What the plugin does not have.
@@ -45,11 +50,22 @@ pub fn write_csv(out: &Path, scenes: &[SceneReport]) -> Result<(), Box<dyn Error
         csv.serialize(row)?;
     }
     csv.flush()?;
-    if scenes.iter().all(|scene| scene.paths.is_empty()) {
+    write_rows(out, "paths.csv", scenes, |scene| &scene.paths)?;
+    write_rows(out, "suns.csv", scenes, |scene| &scene.suns)
+}
+
+/// A file of rows, if there are any.
+fn write_rows<T: Serialize>(
+    out: &Path,
+    file: &str,
+    scenes: &[SceneReport],
+    rows: impl Fn(&SceneReport) -> &Vec<T>,
+) -> Result<(), Box<dyn Error>> {
+    if scenes.iter().all(|scene| rows(scene).is_empty()) {
         return Ok(());
     }
-    let mut csv = csv::Writer::from_path(out.join("paths.csv"))?;
-    for row in scenes.iter().flat_map(|scene| &scene.paths) {
+    let mut csv = csv::Writer::from_path(out.join(file))?;
+    for row in scenes.iter().flat_map(rows) {
         csv.serialize(row)?;
     }
     csv.flush()?;
@@ -174,7 +190,40 @@ fn write_scene(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
     }
     text.push('\n');
     write_paths(text, scene)?;
+    write_suns(text, scene)?;
     write_recommendations(text, scene)
+}
+
+fn write_suns(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {
+    if scene.suns.is_empty() {
+        return Ok(());
+    }
+    text.push_str(
+        "While the sun moves: points whose answer changes though their truth does not, in percent per \
+         second · wrong among them (percent) · maps drawn in a second.\n\n| setting |",
+    );
+    let first = &scene.suns[0].setting;
+    let intervals = scene.suns.iter().take_while(|row| row.setting == *first);
+    let names: Vec<_> = intervals.map(|row| row.interval).collect();
+    writeln!(
+        text,
+        " {} |\n|---{}|",
+        names.join(" | "),
+        "|---".repeat(names.len())
+    )?;
+    for rows in scene.suns.chunk_by(|a, b| a.setting == b.setting) {
+        write!(text, "| {} |", rows[0].setting)?;
+        for row in rows {
+            write!(
+                text,
+                " {:.3} · {:.2} · {:.0} |",
+                row.changed_pct_per_second, row.wrong_pct, row.maps_per_second
+            )?;
+        }
+        text.push('\n');
+    }
+    text.push('\n');
+    Ok(())
 }
 
 fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {

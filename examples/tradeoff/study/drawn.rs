@@ -103,7 +103,7 @@ impl Studio {
         }
     }
 
-    fn set_updates(&mut self, updates: MapUpdates) -> Option<()> {
+    pub fn set_updates(&mut self, updates: MapUpdates) -> Option<()> {
         let sun = self.sun;
         let mut shadows = self.world().get_mut::<ParallelSplitShadows>(sun)?;
         shadows.comparison.updates = updates;

@@ -6,6 +6,7 @@ pub mod accuracy;
 pub mod alternatives;
 pub mod cases;
 pub mod cost;
+pub mod day;
 mod drawn;
 pub mod faults;
 pub mod flicker;

@@ -242,6 +242,11 @@ impl Studio {
         Reference { lit, dark }
     }
 
+    /// Whether the plugin's shadows are in force.
+    pub fn is_ours(&self) -> bool {
+        self.ours
+    }
+
     /// Brings a setting into force.
     pub fn apply(&mut self, setting: &Setting) {
         let sun = self.sun;

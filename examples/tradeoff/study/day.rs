@@ -1,0 +1,237 @@
+//! A sun that moves: what changes where the truth does not.
+//!
+//! The camera rests, so a pixel is a point. Points count that face the sun and are lit, or in shadow, at every
+//! one of some instants of the interval: whenever their answer changes, that is the shadows' doing.
+
+use bevy::{math::DVec3, platform::sync::Arc, prelude::*};
+use bevy_pssm::{ShadowPlans, prelude::*};
+use serde::Serialize;
+
+use super::{
+    settings::{Setting, Stock},
+    studio::{Reference, Stance, Studio},
+    trace::{Sample, Tracer},
+};
+
+/// Frames per second.
+const RATE: f64 = 60.0;
+/// Of an interval.
+const FRAMES: usize = 80;
+/// Before it, for what depends on what was.
+const BEFORE: usize = 4;
+/// Of its instants, so many are traced.
+const INSTANTS: usize = 5;
+/// Points are so many pixels apart, both ways.
+const STRIDE: usize = 2;
+
+/// A stretch of a sun's way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// As in tables.
+    pub name: &'static str,
+    /// Where it begins, above the horizon (degrees).
+    elevation: f64,
+    /// How far it goes in a second (degrees).
+    speed: f64,
+}
+
+impl Interval {
+    /// All: of days of twenty minutes, and of two.
+    pub const ALL: [Self; 4] = [
+        Self::new("12°, 0.3°/s", 12.0, 0.3),
+        Self::new("35°, 0.3°/s", 35.0, 0.3),
+        Self::new("zenith, 0.3°/s", 89.8, 0.3),
+        Self::new("35°, 3°/s", 35.0, 3.0),
+    ];
+
+    const fn new(name: &'static str, elevation: f64, speed: f64) -> Self {
+        Self {
+            name,
+            elevation,
+            speed,
+        }
+    }
+
+    /// How the sun stands at a frame: it goes up over where the scene's stands.
+    fn to_sun(self, start: &Stance, frame: f64) -> DVec3 {
+        let scenes = start.sun.back().as_dvec3();
+        let level = (scenes * DVec3::new(1.0, 0.0, 1.0)).normalize_or(DVec3::X);
+        // Not quite through the zenith.
+        let level = (level + 0.02 * level.cross(DVec3::Y)).normalize();
+        let (sin, cos) = (self.elevation + self.speed * frame / RATE)
+            .to_radians()
+            .sin_cos();
+        (level * cos + DVec3::Y * sin + 0.002 * level.cross(DVec3::Y)).normalize()
+    }
+
+    fn stance(self, start: &Stance, frame: f64) -> Stance {
+        let to_sun = self.to_sun(start, frame).as_vec3();
+        Stance {
+            sun: Transform::default().looking_to(-to_sun, Vec3::X),
+            ..start.clone()
+        }
+    }
+}
+
+/// A scene under a moving sun, and what is known of it before any setting is.
+struct Truth {
+    interval: Interval,
+    reference: Reference,
+    /// By pixel.
+    points: Vec<(usize, Sample)>,
+}
+
+/// One line of `suns.csv`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SunRow {
+    /// Name of the scene.
+    pub scene: String,
+    /// Name of the setting.
+    pub setting: String,
+    /// Name of the interval.
+    pub interval: &'static str,
+    /// Points whose answer changes though their truth does not, in percent per second.
+    pub changed_pct_per_second: f64,
+    /// Points whose answer is not the truth, on average over some frames (percent).
+    pub wrong_pct: f64,
+    /// Maps drawn in a second.
+    pub maps_per_second: f64,
+}
+
+/// Grids and steps, over a configuration; and Bevy's own.
+pub fn sun_settings(config: &ParallelSplitShadows, stock: &[Stock]) -> Vec<Setting> {
+    let mut settings = Vec::new();
+    for (grid, steps) in [
+        (TexelGrid::Light, [0.0, 0.05].as_slice()),
+        (TexelGrid::Ground, &[0.0, 0.05, 0.2]),
+    ] {
+        for sun_step in steps.iter().copied() {
+            let config = ParallelSplitShadows {
+                grid,
+                sun_step,
+                ..config.clone()
+            };
+            settings.push(Setting::pssm(format!("{grid:?} {sun_step}°"), config));
+        }
+        let config = ParallelSplitShadows {
+            grid,
+            filter: ShadowFilter::Hardware2x2,
+            ..config.clone()
+        };
+        settings.push(Setting::pssm(format!("{grid:?} 0.05°, 2×2"), config));
+    }
+    for stock in stock {
+        let name = if stock.tuned { "bevy tuned" } else { "bevy" };
+        settings.push(Setting::bevy(name, *stock));
+    }
+    settings
+}
+
+impl Studio {
+    /// Follows the sun under each setting, along each interval. `say` is told what is being done.
+    pub fn under_moving_suns(
+        &mut self,
+        scene: &str,
+        start: &Stance,
+        settings: &[Setting],
+        tracer: &Arc<Tracer>,
+        mut say: impl FnMut(&str),
+    ) -> Vec<SunRow> {
+        say("tracing rays under moving suns");
+        let truths = Interval::ALL.map(|interval| self.truth(interval, start, tracer));
+        let mut rows = Vec::new();
+        for setting in settings {
+            say(&format!("{} under moving suns", setting.name));
+            self.apply(setting);
+            for truth in &truths {
+                rows.push(self.follow_sun(scene, start, setting, truth));
+            }
+        }
+        rows
+    }
+
+    fn truth(&mut self, interval: Interval, start: &Stance, tracer: &Arc<Tracer>) -> Truth {
+        let middle = interval.stance(start, 0.5 * FRAMES as f64);
+        self.place(&middle);
+        let reference = self.reference();
+        let lens = self.lens();
+        let to_sun = interval.to_sun(start, 0.5 * FRAMES as f64);
+        let mut points = tracer.every(&lens, to_sun, STRIDE);
+        points.retain(|(_, sample)| {
+            (0..INSTANTS).all(|instant| {
+                let frame = FRAMES as f64 * instant as f64 / (INSTANTS - 1) as f64;
+                let to_sun = interval.to_sun(start, frame);
+                sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(sample, to_sun) == sample.lit
+            })
+        });
+        Truth {
+            interval,
+            reference,
+            points,
+        }
+    }
+
+    fn follow_sun(
+        &mut self,
+        scene: &str,
+        start: &Stance,
+        setting: &Setting,
+        truth: &Truth,
+    ) -> SunRow {
+        // A held map's picture is that of one drawn anew.
+        self.set_updates(MapUpdates::WhenNeeded);
+        self.forget();
+        let mut last: Vec<bool> = Vec::new();
+        let (mut changed, mut wrong, mut maps, mut looks) = (0, 0, 0, 0);
+        for frame in 0..BEFORE + FRAMES {
+            let at = frame as f64 - BEFORE as f64;
+            self.place(&truth.interval.stance(start, at));
+            let picture = self.expose();
+            if frame < BEFORE {
+                continue;
+            }
+            maps += self.maps_drawn();
+            let shares = truth.reference.shares(&picture);
+            let answers: Vec<bool> = truth
+                .points
+                .iter()
+                .map(|(pixel, _)| shares[*pixel].is_none_or(|share| share > 0.5))
+                .collect();
+            changed += last.iter().zip(&answers).filter(|(a, b)| a != b).count();
+            if frame % 30 == 0 {
+                looks += 1;
+                let points = truth.points.iter().zip(&answers);
+                wrong += points
+                    .filter(|((_, sample), lit)| sample.lit != **lit)
+                    .count();
+            }
+            last = answers;
+        }
+        self.set_updates(MapUpdates::EveryFrame);
+        let points = truth.points.len().max(1) as f64;
+        let seconds = FRAMES as f64 / RATE;
+        let rounded = |value: f64| (1e4 * value).round() / 1e4;
+        SunRow {
+            scene: scene.to_owned(),
+            setting: setting.name.clone(),
+            interval: truth.interval.name,
+            changed_pct_per_second: rounded(100.0 * changed as f64 / points / seconds),
+            wrong_pct: rounded(100.0 * wrong as f64 / points / f64::from(looks)),
+            maps_per_second: rounded(maps as f64 / seconds),
+        }
+    }
+
+    /// Maps that the plugin has to draw in this frame; all of Bevy's.
+    fn maps_drawn(&mut self) -> usize {
+        let (camera, sun, ours) = (self.camera, self.sun, self.is_ours());
+        let plans = self.world().get::<ShadowPlans>(sun);
+        let Some(plans) = plans
+            .filter(|_| ours)
+            .and_then(|plans| plans.views.get(&camera))
+        else {
+            return 4;
+        };
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        maps.filter(|map| map.redraw.is_some()).count()
+    }
+}
