@@ -211,7 +211,8 @@ fn following(overlay: ShadowOverlay) -> ShadowOverlay {
         ShadowOverlay::Light => ShadowOverlay::Bias,
         ShadowOverlay::Bias => ShadowOverlay::TexelsPerPixel,
         ShadowOverlay::TexelsPerPixel => ShadowOverlay::TexelGrid,
-        ShadowOverlay::TexelGrid | ShadowOverlay::Cascade => ShadowOverlay::None,
+        ShadowOverlay::TexelGrid => ShadowOverlay::Age,
+        ShadowOverlay::Age | ShadowOverlay::Cascade => ShadowOverlay::None,
     }
 }
 

@@ -33,6 +33,9 @@ use error::MAX_DISTANCE;
 /// The most cascades a light can have: the length of Bevy's uniform array.
 pub const MAX_CASCADES: usize = 4;
 
+/// A map that waits for longer (frames) is none.
+const MAX_DELAY: u32 = 60;
+
 /// Gives a [`DirectionalLight`](bevy::light::DirectionalLight) parallel-split shadow maps.
 ///
 /// Adding the component is enough: it switches the light's shadow maps on and takes their place
@@ -120,6 +123,12 @@ pub struct ParallelSplitShadows {
     /// shadow is soft.
     #[reflect(@0.0..=1.0_f32)]
     pub sun_step: f32,
+    /// For how many frames a map that is due may wait while a nearer one is drawn (0 to 60). What comes into
+    /// view meanwhile is shadowed by a coarser map or not at all, and what moves too slowly to count as
+    /// moving shows late; but no frame draws several maps, unless they have waited so long. Default 0: none
+    /// waits.
+    #[reflect(@0..=MAX_DELAY)]
+    pub delay: u32,
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where
     /// there is no temporal antialiasing. Default [`CascadeTransition::CrossFade`].
     pub transition: CascadeTransition,
@@ -142,6 +151,7 @@ impl Default for ParallelSplitShadows {
             filter: ShadowFilter::default(),
             grid: TexelGrid::default(),
             sun_step: 0.05,
+            delay: 0,
             transition: CascadeTransition::default(),
             comparison: Comparison::default(),
         }
@@ -176,6 +186,7 @@ impl ParallelSplitShadows {
         self.map_size.validate(self.cascades, max_map_size)?;
         self.filter.validate()?;
         ConfigError::check_range("sun_step", self.sun_step, 0.0..=1.0)?;
+        ConfigError::check_range("delay", self.delay, 0..=MAX_DELAY)?;
         self.comparison.bias.validate()
     }
 

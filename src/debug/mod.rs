@@ -33,7 +33,12 @@ pub enum ShadowOverlay {
     /// The texels of the map, as a checkerboard of squares of [`GRID_TEXELS`] a side in the cascade's
     /// color; darker in shadow (as Lloyd et al. 2006, Figs. 2 and 15).
     TexelGrid,
+    /// For how many frames the map has been held since what rests was drawn into it: 0.1 (linear) are 60.
+    Age,
 }
+
+/// Frames that [`ShadowOverlay::Age`] shows as white.
+pub const OLDEST: u32 = 600;
 
 /// Texels along the sides of the squares of [`ShadowOverlay::TexelGrid`].
 pub const GRID_TEXELS: u32 = 32;

@@ -44,6 +44,35 @@ pub(super) struct HeldMap {
     map: CascadeMap,
     /// It has outlived the frame that it was drawn in.
     has_lasted: bool,
+    /// Why it should have been drawn anew, and how many frames ago.
+    owed: Option<(Redraw, u32)>,
+}
+
+/// Whose turn it is to be drawn in a frame: who has waited longest, of those the nearest.
+#[derive(Debug, Default)]
+pub(super) struct Turn {
+    reserved: Option<usize>,
+    is_taken: bool,
+}
+
+impl Turn {
+    pub fn new<'a>(held: impl Iterator<Item = Option<&'a HeldMap>>) -> Self {
+        let waited = held.enumerate().filter_map(|(index, held)| {
+            let (_, frames) = held?.owed?;
+            Some((index, frames))
+        });
+        let longest = waited.reduce(|a, b| if b.1 > a.1 { b } else { a });
+        Self {
+            reserved: longest.map(|(index, _)| index),
+            is_taken: false,
+        }
+    }
+
+    /// Whether a map that is due waits, for so many frames already.
+    fn is_for_another(&self, inputs: &PlanInputs, index: usize, waited: u32) -> bool {
+        let is_anothers = self.is_taken || self.reserved.is_some_and(|it| it != index);
+        is_anothers && waited < inputs.config.delay
+    }
 }
 
 impl HeldMap {
@@ -73,7 +102,7 @@ impl HeldMap {
         } else if !covers || !self.map.hull.contains(&volume.body, wanted.margin(inputs)) {
             Some(Redraw::Moved)
         } else {
-            None
+            self.owed.map(|(redraw, _)| redraw)
         }
     }
 
@@ -153,13 +182,22 @@ pub(super) fn hold(
     inputs: &PlanInputs,
     volume: &CascadeVolume,
     wanted: PlacedMap,
-    size: UVec2,
+    (index, size): (usize, UVec2),
+    turn: &mut Turn,
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
-    let redraw = held.as_ref().map_or(Some(Redraw::New), |held| {
+    let mut redraw = held.as_ref().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
+    if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
+        let waited = held.owed.map_or(0, |(_, frames)| frames);
+        if held.size == size && turn.is_for_another(inputs, index, waited) {
+            held.owed = Some((due, waited + 1));
+            redraw = None;
+        }
+    }
     if let Some(redraw) = redraw {
+        turn.is_taken = true;
         let (placed, spare) = ahead(inputs, volume, wanted, redraw, held.take());
         *held = Some(HeldMap {
             map: placed.finish(inputs, volume, spare, redraw)?,
@@ -168,6 +206,7 @@ pub(super) fn hold(
             light: *inputs.light,
             center: volume.body.center(),
             has_lasted: false,
+            owed: None,
         });
     }
     let held = held.as_mut()?;

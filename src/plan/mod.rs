@@ -34,7 +34,7 @@ use crate::{
     },
 };
 
-use held::HeldMap;
+use held::{HeldMap, Turn};
 use layout::{KeptRange, Layout};
 use sun::FollowedSun;
 
@@ -252,6 +252,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
         .collect();
     let sizes = size::map_sizes(inputs, &layout, &volumes, &fits, kept);
     let due = sun::due(inputs, kept);
+    let mut turn = Turn::new(kept.iter().map(|kept| kept.held.as_ref()));
     (0..config.cascades as usize)
         .map(|index| {
             let (near, far) = layout.interval(index);
@@ -267,7 +268,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
                 let (size, slack) = (sizes[index], inputs.slack());
                 let placed = map::place(inputs, volume, fits[index], size, slack, extent)?;
                 sun.texel = placed.texel;
-                held::hold(inputs, volume, placed, size, held)
+                held::hold(inputs, volume, placed, (index, size), &mut turn, held)
             });
             if map.is_none() {
                 kept[index].held = None;

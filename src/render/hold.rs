@@ -45,6 +45,8 @@ struct DrawnMap {
     view: RetainedViewEntity,
     is_held: bool,
     is_empty: bool,
+    /// For how many frames it has been held.
+    age: u32,
     /// How often in a row it has been drawn with all that it should hold.
     whole: u32,
 }
@@ -72,6 +74,11 @@ impl DrawnMaps {
     /// Whether a view's layer stays as it is in this frame.
     pub fn is_held(&self, view: Entity) -> bool {
         self.maps.get(&view).is_some_and(|map| map.is_held)
+    }
+
+    /// For how many frames a view's layer has stayed as it is.
+    pub fn age(&self, view: Entity) -> u32 {
+        self.maps.get(&view).map_or(0, |map| map.age)
     }
 
     /// Whether a view has no casters, so that nothing is drawn.
@@ -161,6 +168,7 @@ pub(super) fn hold_maps(
         let is_empty = phases.get(&view).is_none_or(BinnedRenderPhase::is_empty);
         let before = known.remove(&it.entity);
         let whole = before.as_ref().map_or(0, |before| before.whole);
+        let age = before.as_ref().map_or(0, |before| before.age);
         let is_same = before.is_some_and(|before| before.content == content);
         let is_held = it.map.may_hold
             && is_same
@@ -176,6 +184,7 @@ pub(super) fn hold_maps(
             view,
             is_held,
             is_empty,
+            age: if is_held { age.saturating_add(1) } else { 0 },
             whole,
         };
         drawn.maps.insert(it.entity, map);

@@ -18,7 +18,7 @@ use bevy::{
 
 use crate::{
     config::MAX_CASCADES,
-    debug::ShadowOverlay,
+    debug::{OLDEST, ShadowOverlay},
     shaders::{SLOT_MARK, code},
 };
 
@@ -39,6 +39,7 @@ mod layout {
     /// A column of a cascade's matrix, which comes first in it.
     pub const COLUMN: usize = 16;
     pub const TEXEL_SIZE: usize = 64;
+    pub const FAR_BOUND: usize = 68;
     /// Planes through the view's edges, in columns that are free.
     pub const EDGES: [usize; 4] = [
         CASCADE + 3 * COLUMN,
@@ -105,7 +106,7 @@ pub(super) fn write_uniforms(
             if managed == slots.len() {
                 slots.push([0.0; layout::LIGHT / 4]);
             }
-            fill_slot(&mut slots[managed], light, is_drawn);
+            fill_slot(&mut slots[managed], light, is_drawn, &drawn);
             for cascade in 0..light.cascades.len() {
                 // Bevy's texel sizes are positive: the sign tells the shader whose light it is.
                 let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
@@ -143,6 +144,7 @@ fn fill_slot(
     slot: &mut [f32; layout::LIGHT / 4],
     light: &AdoptedLight,
     is_drawn: impl Fn(Entity) -> bool,
+    drawn: &DrawnMaps,
 ) {
     let mut ends = [f32::MAX; MAX_CASCADES];
     for (index, (view, cascade)) in light.cascades.iter().enumerate() {
@@ -162,6 +164,8 @@ fn fill_slot(
                 light.options.border,
             ],
         );
+        let age = drawn.age(*view) as f32 / OLDEST as f32;
+        write_at(slot, field + layout::FAR_BOUND, &[age]);
         let [width, height] = cascade.texel;
         write_at(
             slot,
@@ -200,6 +204,7 @@ fn overlay_code(overlay: ShadowOverlay) -> u32 {
         ShadowOverlay::Bias => code::OVERLAY_BIAS,
         ShadowOverlay::TexelsPerPixel => code::OVERLAY_TEXELS,
         ShadowOverlay::TexelGrid => code::OVERLAY_GRID,
+        ShadowOverlay::Age => code::OVERLAY_AGE,
     }
 }
 

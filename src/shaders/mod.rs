@@ -52,10 +52,11 @@ pub(crate) mod code {
     pub const OVERLAY_BIAS: u32 = 4;
     pub const OVERLAY_TEXELS: u32 = 5;
     pub const OVERLAY_GRID: u32 = 6;
+    pub const OVERLAY_AGE: u32 = 7;
 }
 
 /// Constants of the library, `constants::…` there. Fractions by their reciprocals.
-const CONSTANTS: [(&str, u32); 26] = [
+const CONSTANTS: [(&str, u32); 27] = [
     ("PSSM_MARK", SLOT_MARK),
     ("PSSM_ROUNDING", bias::ROUNDING_RECIPROCAL),
     ("PSSM_EDGE_ON", bias::EDGE_ON_RECIPROCAL),
@@ -87,6 +88,7 @@ const CONSTANTS: [(&str, u32); 26] = [
     ("PSSM_OVERLAY_BIAS", code::OVERLAY_BIAS),
     ("PSSM_OVERLAY_TEXELS", code::OVERLAY_TEXELS),
     ("PSSM_OVERLAY_GRID", code::OVERLAY_GRID),
+    ("PSSM_OVERLAY_AGE", code::OVERLAY_AGE),
     ("PSSM_GRID_TEXELS", GRID_TEXELS),
 ];
 

@@ -21,7 +21,7 @@ const TEXTS: [&str; 5] = [
         splits: Manual([20.0, 110.5]),
         fit: PerCascade([Stable, Tight, Warped(Strength(0.5))]),
         map_size: PerCascade([(1000, 1000), (777, 777), (64, 65)]),
-        filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25, grid: Ground, sun_step: 0.5,
+        filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25, grid: Ground, sun_step: 0.5, delay: 3,
         comparison: (
             culling: Off, bias: SlopeScaled(factor: 2.0, meters: 0.01), caster_faces: Back,
             depth: Linear, focus: Off, warp_axis: BodyCenter, updates: EveryFrame,

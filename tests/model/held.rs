@@ -225,3 +225,56 @@ fn maps_that_hold_what_changes_are_drawn() {
         assert!(reasons(&walker.plan(&nothing)).iter().all(Option::is_none));
     }
 }
+
+/// Several maps are due in the same frame: one is drawn, unless the others have waited long enough.
+#[test]
+fn maps_that_may_wait_are_drawn_one_after_the_other() {
+    let nothing = CasterChanges::At(Vec::new());
+    for fit in fits() {
+        let mut totals = [0, 0];
+        for (delay, total) in [0, 4].into_iter().zip(&mut totals) {
+            let mut walker = Walker::new(fit.clone());
+            walker.config.delay = delay;
+            let mut most = 0;
+            for frame in 0..300 {
+                walker.eye += walker.forward() * (30.0 / 60.0);
+                walker.yaw += (90.0_f32 / 60.0).to_radians();
+                let drawn = reasons(&walker.plan(&nothing)).iter().flatten().count();
+                *total += drawn;
+                if frame > 0 {
+                    most = most.max(drawn);
+                }
+            }
+            // Four frames are enough for four maps.
+            if delay > 0 {
+                assert_eq!(most, 1, "{fit:?}");
+            }
+            // What has waited is not forgotten.
+            let later = (0..8).map(|_| reasons(&walker.plan(&nothing)).iter().flatten().count());
+            let later: Vec<_> = later.collect();
+            assert_eq!(later[4..], [0; 4], "{fit:?} {later:?}");
+        }
+        assert!(totals[1] <= totals[0], "{fit:?}: {totals:?}");
+    }
+}
+
+#[test]
+fn casters_that_have_changed_are_drawn_though_their_map_waits() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    walker.config.delay = 8;
+    walker.plan(&nothing);
+    walker.plan(&nothing);
+    let drawn: Vec<_> = (0..12)
+        .map(|frame| {
+            let changes = if frame == 0 {
+                &CasterChanges::Anywhere
+            } else {
+                &nothing
+            };
+            reasons(&walker.plan(changes)).iter().flatten().count()
+        })
+        .collect();
+    assert_eq!(drawn[..4], [1; 4]);
+    assert_eq!(drawn[4..], [0; 8]);
+}

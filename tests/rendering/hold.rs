@@ -354,3 +354,29 @@ fn a_mask_that_changes_is_drawn_anew() {
     assert_eq!(touch(&mut stage, &other), 0);
     assert!(touch(&mut stage, &mask) > 0);
 }
+
+/// Gray says for how many frames a map has been held.
+#[test]
+fn the_overlay_shows_how_old_maps_are() {
+    let (mut stage, sun) = stage(shadows());
+    stage.world().insert_resource(ShadowOverlay::Age);
+    stage.headless.settle();
+    let brightness = |stage: &Stage| {
+        let picture = stage.last_picture();
+        picture
+            .pixels()
+            .map(|pixel| u64::from(pixel[1]))
+            .sum::<u64>()
+    };
+    stage.step();
+    let young = brightness(&stage);
+    for _ in 0..60 {
+        stage.step();
+    }
+    let old = brightness(&stage);
+    assert!(old > young, "{young} and then {old}");
+    let mut turned = stage.world().get_mut::<Transform>(sun).expect("a sun");
+    turned.rotate_y(0.2);
+    stage.step();
+    assert!(brightness(&stage) < old);
+}

@@ -635,6 +635,7 @@ fn any_config(dice: &mut Dice) -> ParallelSplitShadows {
         filter: any_filter(dice),
         grid: dice.any(&[TexelGrid::Light, TexelGrid::Ground]),
         sun_step: dice.roll(),
+        delay: dice.pick(4) as u32,
         transition: dice.any(&[CascadeTransition::CrossFade, CascadeTransition::Dither]),
         comparison: any_comparison(dice),
     };
