@@ -25,20 +25,21 @@
 //!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
 //!   per camera, why each is drawn in this frame, if it is, and each caster's cascades. Bevy's own `Cascades`, `CascadesFrusta`
-//!   and `CascadesVisibleEntities` are kept true; `CascadeShadowConfig` has the splits as
+//!   and `CascadesVisibleEntities` are kept true, but for casters that move, which
+//!   [`CasterCascades::moving`] has; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
 //! - [`ManagedLight`] on the light holds what Bevy's settings were: a game that saves lights saves it, too.
 //! - [`CameraCut`] says that a view has jumped, [`ShadowGridOrigin`] that the world has moved, and
 //!   [`BoundsMargin`] how far a vertex shader moves a mesh. [`ShadowUpdates`] overrules when a caster's
 //!   shadow is drawn anew.
 //! - [`geometry`] and [`plan`] are pure functions, for tools as for the game.
-//! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel or the texels themselves in
-//!   the picture.
+//! - [`ShadowOverlay`] shows cascades, shadows, biases, texels per pixel, the texels themselves or
+//!   the age of maps in the picture.
 //! - The feature `experimental_pcss` gives lights Bevy's `soft_shadow_size`, which asks for soft shadows
 //!   where the filter is left to the camera.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
 //! - [`MAPS_DRAWN`] and [`MAPS_HELD`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
-//!   each map that is drawn as `pssm_shadow_map_0` and so on.
+//!   each map that is drawn as `pssm_shadow_map_0` and so on, and what moves in it as `pssm_moving_casters_0`.
 //!
 //! # Limits
 //! - WebGL2 has no array textures, and OpenGL's shaders cannot load depths texel by texel: there the

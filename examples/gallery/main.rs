@@ -14,6 +14,7 @@ mod scene_stage;
 #[path = "../common/warnings.rs"]
 mod warnings;
 
+mod day;
 mod demo;
 mod viewer;
 

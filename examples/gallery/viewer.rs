@@ -10,6 +10,7 @@ use bevy::{
 use bevy_pssm::prelude::*;
 use wgpu::DeviceType;
 
+use crate::day::{Day, pass_time};
 use crate::scene::{
     CurrentScene, Ground, MovingSun, SCENES, SceneCamera, SceneDescription, SceneSun, ScenesPlugin,
 };
@@ -47,7 +48,11 @@ pub fn run(scene: &'static str) {
             filter: ShadowFilteringMethod::Gaussian,
         })
         .add_systems(Startup, open)
-        .add_systems(Update, (press_keys, turn_sun, fly_path, write_help).chain())
+        .init_resource::<Day>()
+        .add_systems(
+            Update,
+            (press_keys, turn_sun, pass_time, fly_path, write_help).chain(),
+        )
         .run();
 }
 
@@ -96,7 +101,7 @@ fn press_keys(
     mut show: ResMut<Show>,
     mut current: ResMut<CurrentScene>,
     mut overlay: ResMut<ShadowOverlay>,
-    mut moving: ResMut<MovingSun>,
+    (mut moving, mut day): (ResMut<MovingSun>, ResMut<Day>),
     mut suns: Query<(Entity, Option<&mut ParallelSplitShadows>), With<SceneSun>>,
     mut kept: Local<Option<ParallelSplitShadows>>,
     mut cameras: Query<&mut ShadowFilteringMethod>,
@@ -124,6 +129,9 @@ fn press_keys(
     if keys.just_pressed(KeyCode::KeyO) {
         moving.0 = !moving.0;
     }
+    if keys.just_pressed(KeyCode::KeyN) {
+        day.toggle();
+    }
     if keys.just_pressed(KeyCode::KeyC) {
         show.path = match show.path {
             None => Some(0.0),
@@ -141,6 +149,7 @@ fn press_keys(
         filter.set_if_neq(show.filter);
     }
     let fit = keys.just_pressed(KeyCode::KeyI);
+    let grid = keys.just_pressed(KeyCode::KeyK);
     for (sun, shadows) in &mut suns {
         let Some(mut shadows) = shadows else {
             if show.ours {
@@ -151,6 +160,11 @@ fn press_keys(
         if !show.ours {
             *kept = Some(shadows.clone());
             commands.entity(sun).remove::<ParallelSplitShadows>();
+        } else if grid {
+            shadows.grid = match shadows.grid {
+                TexelGrid::Light => TexelGrid::Ground,
+                TexelGrid::Ground => TexelGrid::Light,
+            };
         } else if fit {
             shadows.fit = match &shadows.fit {
                 CascadeFit::Stable => CascadeFit::Steady,
@@ -168,12 +182,13 @@ fn press_keys(
 fn turn_sun(
     keys: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,
+    day: Res<Day>,
     mut suns: Query<(&mut SceneSun, &mut Transform)>,
 ) {
     let held = |key| f32::from(u8::from(keys.pressed(key)));
     let around = held(KeyCode::ArrowRight) - held(KeyCode::ArrowLeft);
     let up = held(KeyCode::ArrowUp) - held(KeyCode::ArrowDown);
-    if around == 0.0 && up == 0.0 {
+    if day.hour.is_some() || around == 0.0 && up == 0.0 {
         return;
     }
     for (mut sun, mut transform) in &mut suns {
@@ -220,6 +235,7 @@ fn write_help(
     show: Res<Show>,
     overlay: Res<ShadowOverlay>,
     moving: Res<MovingSun>,
+    day: Res<Day>,
     suns: Query<&ParallelSplitShadows, With<SceneSun>>,
     mut help: Query<&mut Text, With<Help>>,
 ) {
@@ -229,17 +245,17 @@ fn write_help(
     } else {
         "Bevy's built-in"
     };
-    let fit = suns
-        .iter()
-        .next()
-        .map_or(CascadeFit::Steady, |shadows| shadows.fit.clone());
+    let shown = suns.iter().next().cloned().unwrap_or_default();
+    let ParallelSplitShadows { fit, grid, .. } = shown;
+    let day = day.slider();
     let text = format!(
         "1-4  scene: {}\n\
          P  shadows: {shadows}\n\
          T  overlay: {:?}\n\
-         I  fit: {fit:?}\n\
+         I  fit: {fit:?}   K  grid: {grid:?}\n\
          G  filter: {:?}\n\
          O  moving sun: {}   arrows  turn the sun\n\
+         N  day of two minutes: {day}\n\
          C  camera on its path: {}\n\
          WASD, Q, E, right mouse button, Shift  fly\n\
          Esc  quit",

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-/// When the light turns, its frame turns up to so many times as far about it to become level again, on top
-/// of what the turn itself takes.
+/// When a light on the horizon turns, its frame turns up to so many times as far about it to become level
+/// again, on top of what the turn itself takes; a higher one's less, by the squared cosine of its elevation.
 pub const LEVELING: f64 = 3.0;
 
 /// A right-handed frame that depends on the light's direction, and how it has turned, and an origin, and on
@@ -50,9 +50,9 @@ impl LightFrame {
     }
 
     /// The frame of the light after a turn: it turns as far as the light does, and up to [`LEVELING`] times
-    /// that about it, towards having `x` level. That, it has below 71° of elevation, where nearly all that is
-    /// seen is best laid along the ground; but no path of the light makes it jump, one over the zenith
-    /// neither. `None` as for [`LightFrame::new`].
+    /// that about it, towards having `x` level. That, it has below 50° of elevation, where maps that are laid
+    /// along the ground are sharper; higher up, what turns about the light would only swim. No path of the
+    /// light makes it jump, one over the zenith neither. `None` as for [`LightFrame::new`].
     pub fn following(&self, to_light: DVec3) -> Option<Self> {
         let z = to_light.try_normalize()?;
         if z == self.z {
@@ -66,7 +66,7 @@ impl LightFrame {
                 // A frame that lies on its head is level too.
                 let level = level * level.dot(carried).signum();
                 let off = angle_about(z, carried, level);
-                let most = LEVELING * angle_between(self.z, z);
+                let most = LEVELING * (1.0 - z.y * z.y) * angle_between(self.z, z);
                 if off.abs() <= most {
                     level
                 } else {

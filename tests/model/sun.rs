@@ -68,7 +68,7 @@ proptest! {
     }
 }
 
-/// Below 71° of elevation a sun that goes across the sky has level maps, as one that stands there has.
+/// Below 50° of elevation a sun that goes across the sky has level maps, as one that stands there has.
 #[test]
 fn frames_of_low_suns_are_level() {
     let at = |azimuth: f64, elevation: f64| {
@@ -76,7 +76,7 @@ fn frames_of_low_suns_are_level() {
         let (x, z) = azimuth.to_radians().sin_cos();
         DVec3::new(x * cos, sin, z * cos)
     };
-    for elevation in [5.0, 30.0, 60.0, 70.0] {
+    for elevation in [5.0, 30.0, 49.0] {
         let mut frame = LightFrame::new(at(0.0, elevation)).unwrap();
         for step in 1..720 {
             let to_light = at(0.5 * f64::from(step), elevation);

@@ -31,4 +31,5 @@ mod soak;
 mod soft;
 mod stability;
 mod stage;
+mod suns;
 mod tradeoff;

@@ -1,0 +1,89 @@
+//! A day of two minutes, with a slider for the time.
+
+use core::f32::consts::TAU;
+
+use bevy::prelude::*;
+
+use crate::scene::SceneSun;
+
+/// Hours that pass in a second.
+const PACE: f32 = 24.0 / 120.0;
+/// … while an arrow is held.
+const QUICK_PACE: f32 = 4.0;
+/// Elevation of the sun at noon (degrees).
+const NOON: f32 = 62.0;
+/// The sun's light comes and goes while it is this near to the horizon (sine of its elevation).
+const TWILIGHT: f32 = 0.06;
+/// Of the slider, in letters.
+const WIDTH: usize = 24;
+
+/// What time it is, if the sun goes by that.
+#[derive(Resource, Debug, Default)]
+pub struct Day {
+    /// From 0 to 24.
+    pub hour: Option<f32>,
+}
+
+impl Day {
+    /// Begins in the morning, or ends.
+    pub fn toggle(&mut self) {
+        self.hour = match self.hour {
+            None => Some(7.0),
+            Some(_) => None,
+        };
+    }
+
+    /// As text.
+    pub fn slider(&self) -> String {
+        let Some(hour) = self.hour else {
+            return "off".into();
+        };
+        let knob = (hour / 24.0 * WIDTH as f32) as usize;
+        let bar: String = (0..WIDTH)
+            .map(|letter| if letter == knob { 'o' } else { '-' })
+            .collect();
+        let minutes = (60.0 * hour.fract()) as u32;
+        format!(
+            "{:02}:{minutes:02} [{bar}]   left, right  move it",
+            hour as u32
+        )
+    }
+}
+
+/// Towards the sun: it rises in the east at six.
+fn to_sun(hour: f32) -> Vec3 {
+    let (sin, cos) = ((hour - 12.0) / 24.0 * TAU).sin_cos();
+    let (height, south) = NOON.to_radians().sin_cos();
+    Vec3::new(-sin, cos * height, cos * south)
+}
+
+/// Has the sun follow the time. Below the horizon it has no light, and the plugin nothing to do.
+pub fn pass_time(
+    keys: Res<ButtonInput<KeyCode>>,
+    time: Res<Time>,
+    mut day: ResMut<Day>,
+    mut suns: Query<(&SceneSun, &mut Transform, &mut DirectionalLight)>,
+) {
+    if day.is_changed() && day.hour.is_none() {
+        for (sun, mut transform, mut light) in &mut suns {
+            *transform = sun.transform();
+            light.illuminance = sun.description.illuminance;
+        }
+    }
+    let Some(hour) = day.hour.as_mut() else {
+        return;
+    };
+    let held = |key| f32::from(u8::from(keys.pressed(key)));
+    let quick = held(KeyCode::ArrowRight) - held(KeyCode::ArrowLeft);
+    let pace = if quick == 0.0 {
+        PACE
+    } else {
+        QUICK_PACE * quick
+    };
+    *hour = (*hour + pace * time.delta_secs()).rem_euclid(24.0);
+    let to_sun = to_sun(*hour);
+    for (sun, mut transform, mut light) in &mut suns {
+        transform.look_to(-to_sun, Vec3::Y);
+        light.illuminance = sun.description.illuminance * (to_sun.y / TWILIGHT).clamp(0.0, 1.0);
+    }
+}
