@@ -86,7 +86,7 @@ pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
     BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, ManagedLight,
-    PssmSystems, ShadowGridOrigin, ShadowPlans, ShadowUpdates,
+    PssmSystems, ShadowGridOrigin, ShadowMemoryLimit, ShadowPlans, ShadowUpdates,
 };
 
 use bevy::{
@@ -101,8 +101,8 @@ pub mod prelude {
         BoundsMargin, CameraCut, CascadeFit, CascadeTransition, CasterCulling, CasterFaces,
         Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp,
         ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
-        ShadowGridOrigin, ShadowOverlay, ShadowPreset, ShadowUpdates, SplitScheme, TexelGrid,
-        WarpAxis,
+        ShadowGridOrigin, ShadowMemoryLimit, ShadowOverlay, ShadowPreset, ShadowUpdates,
+        SplitScheme, TexelGrid, WarpAxis,
     };
 }
 
@@ -124,6 +124,7 @@ impl Plugin for PssmPlugin {
             .register_type::<ShadowOverlay>()
             .register_type::<ShaderFeatures>()
             .register_type::<ShadowGridOrigin>()
+            .register_type::<ShadowMemoryLimit>()
             .register_type::<BoundsMargin>()
             .register_type::<ShadowUpdates>()
             .init_asset::<ParallelSplitShadows>()

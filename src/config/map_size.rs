@@ -14,7 +14,9 @@ pub const MIN_MAP_SIZE: u32 = 64;
 ///
 /// All maps live in one array texture whose layers are as wide and as high as the widest and the
 /// highest map: smaller maps save drawing, not memory, which is `4 bytes × width × height × maps`,
-/// spot lights' maps and every camera's included.
+/// spot lights' maps and every camera's included. A small picture gets smaller maps, halved until they have no
+/// more than eight times as many texels along a side as it is high; and so do all if they would take more than
+/// [`ShadowMemoryLimit`](crate::ShadowMemoryLimit) together.
 #[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum MapSize {
@@ -49,6 +51,33 @@ impl MapSize {
             Self::Budget(_) => return None,
         };
         Some(sides.into())
+    }
+
+    /// The same, with sides halved so many times; no smaller than maps can be.
+    pub(crate) fn halved(&self, times: u32, cascades: u32) -> Self {
+        let half =
+            |side: u32, least: u32| side.checked_shr(times).unwrap_or(0).max(least.min(side));
+        match self {
+            Self::Same(size) => Self::Same(half(*size, MIN_MAP_SIZE)),
+            Self::Halving(size) => Self::Halving(half(*size, MIN_MAP_SIZE << (cascades - 1))),
+            Self::PerCascade(sizes) => {
+                let halved = |sides: &[u32; 2]| sides.map(|side| half(side, MIN_MAP_SIZE));
+                Self::PerCascade(sizes.iter().map(halved).collect())
+            }
+            Self::Budget(texels) => {
+                let least = cascades * (2 * MIN_MAP_SIZE).pow(2);
+                let quarters = texels.checked_shr(2 * times).unwrap_or(0);
+                Self::Budget(quarters.max(least.min(*texels)))
+            }
+        }
+    }
+
+    /// The longest side of a map from a budget (texels).
+    pub(crate) fn largest_of_budget(&self, cascades: u32) -> u32 {
+        match self {
+            Self::Budget(texels) => (2.0 * f64::from(*texels) / f64::from(cascades)).sqrt() as u32,
+            Self::Same(_) | Self::Halving(_) | Self::PerCascade(_) => 0,
+        }
     }
 
     /// Whether all maps are as wide as high.

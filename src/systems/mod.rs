@@ -7,6 +7,7 @@ mod cull;
 mod diagnostics;
 mod gather;
 mod manage;
+mod memory;
 mod mesh_boxes;
 mod moving;
 mod plan;
@@ -19,6 +20,7 @@ pub use cull::{CascadeSet, CasterCascades, cull_casters};
 pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
+pub use memory::ShadowMemoryLimit;
 pub use mesh_boxes::MeshBoxes;
 pub use plan::{CameraCut, ShadowGridOrigin, ShadowPlans, plan_shadows};
 pub(crate) use publish::empty_cascade;
@@ -62,7 +64,8 @@ pub(crate) fn build(app: &mut App) {
     app.init_resource::<MeshBoxes>()
         .init_resource::<DisplacedMeshes>()
         .init_resource::<ChangedCasters>()
-        .init_resource::<ShadowGridOrigin>();
+        .init_resource::<ShadowGridOrigin>()
+        .init_resource::<ShadowMemoryLimit>();
     diagnostics::register(app);
     // Without it, casters are known a frame later.
     let world = app.world_mut();

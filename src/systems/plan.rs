@@ -29,11 +29,12 @@ use bevy::{
 };
 
 use super::{
-    ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowUpdates,
+    ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowMemoryLimit, ShadowUpdates,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
+    memory::{halvings_for, halvings_within},
 };
 use crate::{
-    config::ShadowFocus,
+    config::{ParallelSplitShadows, ShadowFocus},
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
     plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
 };
@@ -143,6 +144,29 @@ fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {
     layers.cloned().unwrap_or_default()
 }
 
+/// How often all maps are halved so that they fit.
+fn halvings_of_all(
+    lights: &Query<PlannedLight>,
+    views: &[(Entity, RenderLayers, View)],
+    limit: ShadowMemoryLimit,
+) -> u32 {
+    let mut maps = Vec::new();
+    for it in lights.iter().filter(|it| shines(it.light, it.inherited)) {
+        let Some(config) = it.managed.config() else {
+            continue;
+        };
+        let layers = layers_of(it.layers);
+        for (_, of_camera, view) in views {
+            if let View::Seen(seen) = view
+                && layers.intersects(of_camera)
+            {
+                maps.push((config, halvings_for(config, seen.image_height)));
+            }
+        }
+    }
+    halvings_within(limit, &maps)
+}
+
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
 /// [`PssmSystems::PlanCascades`](super::PssmSystems::PlanCascades).
 pub fn plan_shadows(
@@ -153,10 +177,10 @@ pub fn plan_shadows(
     assets: Option<Res<Assets<Mesh>>>,
     mut parts: ResMut<MeshBoxes>,
     displaced: Res<DisplacedMeshes>,
-    origin: Res<ShadowGridOrigin>,
+    (origin, limit): (Res<ShadowGridOrigin>, Res<ShadowMemoryLimit>),
     changed: Res<ChangedCasters>,
     mut gathered: Local<EntityHashMap<Gathered>>,
-    mut warned: Local<EntityHashSet>,
+    (mut warned, mut warned_of_memory): (Local<EntityHashSet>, Local<bool>),
 ) {
     let displaced = displaced.get();
     let shining: Vec<(RenderLayers, ShadowFocus)> = lights
@@ -222,6 +246,14 @@ pub fn plan_shadows(
         seen.any(|(active, ..)| active == view)
     });
 
+    let halvings = halvings_of_all(&lights, &views, *limit);
+    if halvings > 0 && !core::mem::replace(&mut *warned_of_memory, true) {
+        warn!(
+            "Shadow maps for so many cameras and lights would take more than {} MiB: all are halved",
+            limit.0 >> 20
+        );
+    }
+
     for mut it in &mut lights {
         let Some(config) = it.managed.config() else {
             *it.plans = ShadowPlans::default();
@@ -264,6 +296,12 @@ pub fn plan_shadows(
                 (View::Seen(seen), Some(frame), Some(known)) if meets => {
                     let fog = Receivers::fog(&seen.volume);
                     let is_foggy = it.is_volumetric && seen.has_fog;
+                    let halvings = halvings + halvings_for(config, seen.image_height);
+                    let halved = (halvings > 0).then(|| ParallelSplitShadows {
+                        map_size: config.map_size.halved(halvings, config.cascades),
+                        ..config.clone()
+                    });
+                    let config = halved.as_ref().unwrap_or(config);
                     let inputs = PlanInputs {
                         view: &seen.volume,
                         light: frame,

@@ -3,6 +3,7 @@
 use bevy::{
     app::PostUpdate,
     camera::{
+        Viewport,
         primitives::{Aabb, CascadesFrusta},
         visibility::{CascadesVisibleEntities, NoFrustumCulling, RenderLayers},
     },
@@ -813,5 +814,50 @@ fn cuts_can_be_told() {
         }
         let small = texel(&mut app);
         assert_eq!(small < large, is_told, "{large:?} {small:?}");
+    }
+}
+
+/// The side of the first map of each camera (texels).
+fn sides(app: &App, light: Entity) -> Vec<u32> {
+    let plans = app.world().get::<ShadowPlans>(light).unwrap();
+    plans
+        .views
+        .values()
+        .map(|plan| plan[0].map_size.x)
+        .collect()
+}
+
+#[test]
+fn many_cameras_share_what_memory_there_is() {
+    let mut app = app();
+    app.insert_resource(ShadowMemoryLimit(256 << 20));
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    for (count, side) in [(4, 2048), (5, 1024), (16, 1024), (17, 512)] {
+        while app
+            .world_mut()
+            .query::<&Camera3d>()
+            .iter(app.world())
+            .count()
+            < count
+        {
+            camera(&mut app);
+        }
+        app.update();
+        assert_eq!(sides(&app, light), vec![side; count], "{count}");
+    }
+}
+
+#[test]
+fn small_pictures_have_small_maps() {
+    for (height, side) in [(1080, 2048), (240, 2048), (120, 1024), (48, 512), (1, 2048)] {
+        let mut app = app();
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        let camera = camera(&mut app);
+        app.world_mut().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
+            physical_size: UVec2::new(64, height),
+            ..default()
+        });
+        app.update();
+        assert_eq!(sides(&app, light), [side], "{height}");
     }
 }
