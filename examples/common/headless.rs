@@ -107,7 +107,8 @@ impl Headless {
 
         let mut image = BevyImage::new_target_texture(size.x, size.y, format, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        image.asset_usage = RenderAssetUsages::RENDER_WORLD;
+        // A renderer that starts again finds it.
+        image.asset_usage = RenderAssetUsages::all();
         let target = app
             .world_mut()
             .resource_mut::<Assets<BevyImage>>()

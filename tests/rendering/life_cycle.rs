@@ -5,8 +5,12 @@ use bevy::{
     core_pipeline::prepass::DepthPrepass,
     prelude::*,
     render::{
-        RenderApp, RenderPlugin, occlusion_culling::OcclusionCulling,
-        render_resource::WgpuFeatures, settings::WgpuSettings,
+        RenderApp, RenderPlugin,
+        error_handler::{RenderErrorHandler, RenderErrorPolicy},
+        occlusion_culling::OcclusionCulling,
+        render_resource::{PollType, WgpuFeatures},
+        renderer::RenderDevice,
+        settings::{RenderCreation, WgpuSettings},
     },
 };
 use bevy_pssm::{ShadowPlans, prelude::*, render::ShadowTarget};
@@ -381,4 +385,27 @@ fn layers_that_no_map_needs_are_given_back() {
         stage.headless.step();
     }
     assert_eq!(layers(&mut stage), four - 2);
+}
+
+#[test]
+fn a_lost_device_is_recovered_from() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    stage.camera();
+    stage.headless.settle();
+    let before = stage.last_picture();
+    stage.world().insert_resource(RenderErrorHandler(|_, _, _| {
+        RenderErrorPolicy::Recover(RenderCreation::Automatic(Box::default()))
+    }));
+    let device = stage.world().resource::<RenderDevice>().clone();
+    device.wgpu_device().destroy();
+    // So that the renderer hears of it before it goes on.
+    let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+    for _ in 0..20 {
+        stage.step();
+    }
+    stage.headless.settle();
+    let after = stage.last_picture();
+    assert_identical("lost_device", &after, &before);
 }

@@ -101,11 +101,8 @@ pub struct SunRow {
 /// Grids and steps, over a configuration; and Bevy's own.
 pub fn sun_settings(config: &ParallelSplitShadows, stock: &[Stock]) -> Vec<Setting> {
     let mut settings = Vec::new();
-    for (grid, steps) in [
-        (TexelGrid::Light, [0.0, 0.05].as_slice()),
-        (TexelGrid::Ground, &[0.0, 0.05, 0.2]),
-    ] {
-        for sun_step in steps.iter().copied() {
+    for grid in [TexelGrid::Light, TexelGrid::Ground] {
+        for sun_step in [0.0, 0.05, 0.2] {
             let config = ParallelSplitShadows {
                 grid,
                 sun_step,
