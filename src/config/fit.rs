@@ -70,7 +70,7 @@ pub enum TexelGrid {
     Light,
     /// The world's ground: texels stay where they are on level ground however the sun moves, and only
     /// shadows do. Maps are sheared, lookups cost a little more, and on walls texels are longer while
-    /// the sun is low; below 6° the light's own frame takes over.
+    /// the sun is low; below 6° the light's own frame takes over, until the sun is 8° high again.
     Ground,
 }
 

@@ -14,8 +14,8 @@ pub const MIN_MAP_SIZE: u32 = 64;
 ///
 /// All maps live in one array texture whose layers are as wide and as high as the widest and the
 /// highest map: smaller maps save drawing, not memory, which is `4 bytes × width × height × maps`,
-/// spot lights' maps and every camera's included. A small picture gets smaller maps, halved until they have no
-/// more than eight times as many texels along a side as it is high; and so do all if they would take more than
+/// spot lights' maps and every camera's included. A small picture gets smaller maps, halved as long as they keep
+/// eight times as many texels along a side as it is high; and so do all if they would take more than
 /// [`ShadowMemoryLimit`](crate::ShadowMemoryLimit) together.
 #[derive(Reflect, Serialize, Deserialize, Debug, Clone, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]

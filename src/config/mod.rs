@@ -116,17 +116,17 @@ pub struct ParallelSplitShadows {
     pub filter: ShadowFilter,
     /// What texels are fixed to, for suns that move. Default [`TexelGrid::Light`].
     pub grid: TexelGrid,
-    /// How far a sun that moves goes before maps follow it (degrees, 0 to 1), one map after the other; what
-    /// is lit is shaded by the true sun meanwhile, whose shadows are off by half a step at most. 0 draws all
-    /// maps in every frame in which the sun moves, and every edge creeps; too much shows as shadows
-    /// that tick like a clock's hand. Default 0.05: a tenth of the sun's width, less than the edge of any
-    /// shadow is soft.
+    /// In what steps maps follow a sun that moves (degrees, 0 to 1), one map after the other; what
+    /// is lit is shaded by the true sun meanwhile, whose shadows are off by half a step, or a whole one if it is
+    /// so fast that all maps are due. 0 draws all maps in every frame in which the sun moves, and every edge
+    /// creeps, as with `Faces`, whatever the step; too much shows as shadows that tick like a clock's hand. Default
+    /// 0.05: a tenth of the sun's width, less than the edge of any shadow is soft.
     #[reflect(@0.0..=1.0_f32)]
     pub sun_step: f32,
-    /// For how many frames a map that is due may wait while a nearer one is drawn (0 to 60). What comes into
-    /// view meanwhile is shadowed by a coarser map or not at all, and what moves too slowly to count as
-    /// moving shows late; but no frame draws several maps, unless they have waited so long. Default 0: none
-    /// waits.
+    /// For how many frames a map that is due may wait while another is drawn (0 to 60): who has waited longest
+    /// goes first, or else the nearest. What comes into view meanwhile is shadowed by a coarser map or not at
+    /// all; but of a camera's maps one is drawn in a frame, unless they are new, a sun has jumped, a caster has
+    /// begun to move or has gone, or they have waited so long. Default 0: none waits.
     #[reflect(@0..=MAX_DELAY)]
     pub delay: u32,
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where
@@ -190,7 +190,7 @@ impl ParallelSplitShadows {
         self.comparison.bias.validate()
     }
 
-    /// Whether all maps have square texels.
+    /// Whether all maps have texels with equal sides.
     pub fn has_square_texels(&self) -> bool {
         !self.fit.any(|fit| fit != MapFit::Stable) && self.map_size.is_square()
     }

@@ -95,7 +95,8 @@ impl MapDerivatives {
             .then(|| DVec2::new(self.z.dot(y_and_normal), self.z.dot(normal_and_x)) / clamped_area)
     }
 
-    /// Size of a texel across the light, along the map's axes (meters).
+    /// Size of a texel across the light, along the map's axes (meters); of sheared maps, how far its rows and
+    /// columns are apart.
     pub fn texel(&self, map_size: DVec2) -> DVec2 {
         2.0 / map_size / DVec2::new(self.x.length(), self.y.length())
     }

@@ -117,7 +117,7 @@ impl LightFrame {
         DMat3::from_cols(per_area * across[0], per_area * across[1], self.z)
     }
 
-    /// Unit vectors across the light along which the map's columns and rows lie.
+    /// Unit vectors across the light along which the map's rows and columns lie.
     pub fn axes(&self) -> [DVec3; 2] {
         if !self.is_grounded {
             return [self.x, self.y];

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
-use crate::config::MapUpdates;
+use crate::config::{CascadeFit, MapUpdates};
 use crate::geometry::{fit::MapBox, light_frame::LightFrame, oriented_box::OrientedBox};
 
 /// Why a map is drawn anew.
@@ -69,9 +69,20 @@ impl Turn {
     }
 
     /// Whether a map that is due waits, for so many frames already.
-    fn is_for_another(&self, inputs: &PlanInputs, index: usize, waited: u32) -> bool {
+    fn is_for_another(
+        &self,
+        inputs: &PlanInputs,
+        index: usize,
+        (redraw, waited): (Redraw, u32),
+    ) -> bool {
+        let config = inputs.config;
+        // Suns that move have turns of their own, and those that jump, or worlds that are moved, cannot wait.
+        let can_wait = redraw != Redraw::Light
+            && config.comparison.updates == MapUpdates::WhenNeeded
+            // Another side's map may have taken its place.
+            && config.fit != CascadeFit::Faces;
         let is_anothers = self.is_taken || self.reserved.is_some_and(|it| it != index);
-        is_anothers && waited < inputs.config.delay
+        can_wait && is_anothers && waited < config.delay
     }
 }
 
@@ -191,7 +202,7 @@ pub(super) fn hold(
     });
     if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
         let waited = held.owed.map_or(0, |(_, frames)| frames);
-        if held.size == size && turn.is_for_another(inputs, index, waited) {
+        if held.size == size && turn.is_for_another(inputs, index, (due, waited)) {
             held.owed = Some((due, waited + 1));
             redraw = None;
         }
@@ -211,10 +222,14 @@ pub(super) fn hold(
     }
     let held = held.as_mut()?;
     held.has_lasted = redraw.is_none();
+    let as_drawn = PlanInputs {
+        light: &held.light,
+        ..*inputs
+    };
     let mut map = CascadeMap {
         aliasing: held.placed.aliasing(inputs, volume),
         redraw,
-        hull_now: held.placed.hull(inputs, volume, 0.0),
+        hull_now: held.placed.hull(&as_drawn, volume, 0.0),
         ..held.map.clone()
     };
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {

@@ -68,7 +68,8 @@ pub struct CascadeMap {
     pub clip_from_cascade: DMat4,
     /// The cascade's own frame to world space.
     pub world_from_cascade: DMat4,
-    /// Size of a texel along the map's axes, where it is largest (meters).
+    /// Size of a texel along the map's axes, where it is largest (meters; of maps that stand on the ground,
+    /// meters of that).
     pub texel: DVec2,
     /// How the map is laid over its slice: as configured, or chosen.
     pub fit: MapFit,
@@ -241,17 +242,31 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
             kept.forget_slice();
         }
     }
+    let due = sun::due(inputs, kept);
+    let frames: Vec<LightFrame> = volumes
+        .iter()
+        .enumerate()
+        .map(|(index, volume)| match volume {
+            Some(volume) => kept[index].sun.frame(inputs, volume.middle(), due[index]),
+            None => *inputs.light,
+        })
+        .collect();
+    // Of each cascade, with the frame that its map is laid in.
+    let inputs_of: Vec<PlanInputs> = frames
+        .iter()
+        .map(|light| PlanInputs { light, ..*inputs })
+        .collect();
     let fits: Vec<_> = volumes
         .iter()
         .enumerate()
         .map(|(index, volume)| {
+            let inputs = &inputs_of[index];
             let (fit, _) = choose::fit(inputs, volume.as_ref(), index, kept[index].fit);
             kept[index].fit = Some(fit);
             fit
         })
         .collect();
-    let sizes = size::map_sizes(inputs, &layout, &volumes, &fits, kept);
-    let due = sun::due(inputs, kept);
+    let sizes = size::map_sizes(&inputs_of, &layout, &volumes, &fits, kept);
     let mut turn = Turn::new(kept.iter().map(|kept| kept.held.as_ref()));
     (0..config.cascades as usize)
         .map(|index| {
@@ -261,10 +276,7 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
                 let CascadeHistory {
                     extent, held, sun, ..
                 } = &mut kept[index];
-                let inputs = &PlanInputs {
-                    light: &sun.frame(inputs, volume.middle(), due[index]),
-                    ..*inputs
-                };
+                let inputs = &inputs_of[index];
                 let (size, slack) = (sizes[index], inputs.slack());
                 let placed = map::place(inputs, volume, fits[index], size, slack, extent)?;
                 sun.texel = placed.texel;

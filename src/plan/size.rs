@@ -30,13 +30,18 @@ pub(super) fn even_size(config: &ParallelSplitShadows, index: usize) -> UVec2 {
 }
 
 /// Texels along the axes of all cascades: as configured, or shares of the budget.
+///
+/// `inputs_of` has those of each cascade that there is.
 pub(super) fn map_sizes(
-    inputs: &PlanInputs,
+    inputs_of: &[PlanInputs],
     layout: &Layout,
     volumes: &[Option<CascadeVolume>],
     fits: &[MapFit],
     kept: &mut [CascadeHistory],
 ) -> Vec<UVec2> {
+    let Some(inputs) = inputs_of.first() else {
+        return Vec::new();
+    };
     let config = inputs.config;
     let count = config.cascades as usize;
     let MapSize::Budget(budget) = config.map_size else {
@@ -45,7 +50,7 @@ pub(super) fn map_sizes(
     };
     let even = even_size(config, 0);
     let predicted = |index: usize| -> Option<Aliasing> {
-        let fit = fits[index];
+        let (inputs, fit) = (&inputs_of[index], fits[index]);
         // A stable map's size must not depend on what is in its slice.
         let whole = (fit == MapFit::Stable)
             .then(|| CascadeVolume::of_slice(inputs, layout.interval(index)))

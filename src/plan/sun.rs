@@ -11,6 +11,9 @@ use crate::{
 /// Faster suns jump (radians from frame to frame, or from what maps are drawn for).
 const CUT: f64 = 0.1;
 
+/// Directions are as good as the same (radians).
+const ROUNDING: f64 = 1e-12;
+
 /// Maps that follow a sun go so far beyond it (share of a step): less than it may be off by, or they would come
 /// back as it rests.
 const BEYOND: f64 = 0.4;
@@ -79,7 +82,7 @@ impl FollowedSun {
     /// The origin of the same grid that lies next to a point: whole texels from the one it has, and on the
     /// point's level.
     fn anchor(&self, frame: &LightFrame, point: DVec3) -> DVec3 {
-        if self.texel.min_element() <= 0.0 {
+        if !(self.texel.is_finite() && self.texel.min_element() > 0.0) {
             return frame.origin;
         }
         let offset = frame.light_from_world(point).truncate();
@@ -137,12 +140,14 @@ pub(super) fn due(
     let errors = history
         .each_ref()
         .map(|kept| kept.sun.error(inputs.light.z).unwrap_or(0.0));
+    let least = step.max(ROUNDING);
     let farthest = (0..MAX_CASCADES)
+        .filter(|index| history[*index].held.is_some())
         .max_by(|a, b| errors[*a].total_cmp(&errors[*b]))
         .unwrap_or(0);
     core::array::from_fn(|index| {
         let error = errors[index];
-        let is_due = error > step || index == farthest && error > 0.5 * step;
+        let is_due = error > least || index == farthest && error > 0.5 * least;
         // A sun that has jumped need not go on.
         let beyond = if error > 2.0 * step {
             0.0

@@ -23,7 +23,7 @@ use bevy::{
 
 use super::{CasterCascades, ShadowPlans, publish::published_config};
 use crate::{
-    config::{CascadeFit, ParallelSplitShadows, ShadowPreset},
+    config::{CascadeFit, ParallelSplitShadows, ShadowPreset, TexelGrid},
     plan::over_own_range,
     support::ShadowSupport,
 };
@@ -94,6 +94,12 @@ impl ManagedLight {
         };
         self.in_force = Some(ParallelSplitShadows {
             fit: drawable_fit(&last_good.fit, support),
+            // Bevy's lookups know no sheared maps.
+            grid: if support.is_out_of_room() {
+                TexelGrid::Light
+            } else {
+                last_good.grid
+            },
             ..over_range
         });
         self.in_force.as_ref()

@@ -9,8 +9,9 @@ use glam::UVec2;
 use crate::config::{MAX_CASCADES, ParallelSplitShadows};
 
 /// What the maps of all managed lights and cameras together may take (bytes). Where settings ask for more,
-/// as with many cameras, all maps are halved until they fit, and one warning says so. Default 1 GiB: sixteen
-/// cameras at the default size. What moves may take as much again.
+/// as with many cameras, all maps are halved until they fit or are as small as can be, and one warning says so.
+/// Default 1 GiB: sixteen cameras at the default size. What moves may take as much again, and maps of
+/// spot lights and other suns, whose size is Bevy's, are not counted; layers are as large as theirs at least.
 #[derive(Resource, Reflect, Debug, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ShadowMemoryLimit(pub u64);
@@ -21,7 +22,7 @@ impl Default for ShadowMemoryLimit {
     }
 }
 
-/// Maps have no more texels along a side than so many times the picture's height has pixels.
+/// Maps that have so many times as many texels along a side as the picture is high could as well be half as large.
 const MOST_PER_PIXEL: f64 = 8.0;
 
 /// How often maps are halved before they are no larger than a picture of some height (pixels) can show.

@@ -159,6 +159,7 @@ fn halvings_of_all(
         for (_, of_camera, view) in views {
             if let View::Seen(seen) = view
                 && layers.intersects(of_camera)
+                && seen.image_height > 1.0
             {
                 maps.push((config, halvings_for(config, seen.image_height)));
             }
@@ -249,7 +250,7 @@ pub fn plan_shadows(
     let halvings = halvings_of_all(&lights, &views, *limit);
     if halvings > 0 && !core::mem::replace(&mut *warned_of_memory, true) {
         warn!(
-            "Shadow maps for so many cameras and lights would take more than {} MiB: all are halved",
+            "Shadow maps would take more than {} MiB together: all are halved until they fit",
             limit.0 >> 20
         );
     }
@@ -297,15 +298,16 @@ pub fn plan_shadows(
                     let fog = Receivers::fog(&seen.volume);
                     let is_foggy = it.is_volumetric && seen.has_fog;
                     let halvings = halvings + halvings_for(config, seen.image_height);
-                    let halved = (halvings > 0).then(|| ParallelSplitShadows {
+                    let is_late = is_restless && config.delay > 0;
+                    let changed = (halvings > 0 || is_late).then(|| ParallelSplitShadows {
                         map_size: config.map_size.halved(halvings, config.cascades),
+                        delay: if is_restless { 0 } else { config.delay },
                         ..config.clone()
                     });
-                    let config = halved.as_ref().unwrap_or(config);
                     let inputs = PlanInputs {
                         view: &seen.volume,
                         light: frame,
-                        config,
+                        config: changed.as_ref().unwrap_or(config),
                         reach: lookup_reach(config, it.light),
                         receivers: if is_foggy { &fog } else { &known.receivers },
                         image_height: seen.image_height,

@@ -840,7 +840,11 @@ fn many_cameras_share_what_memory_there_is() {
             .count()
             < count
         {
-            camera(&mut app);
+            let camera = camera(&mut app);
+            app.world_mut().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
+                physical_size: UVec2::new(1920, 1080),
+                ..default()
+            });
         }
         app.update();
         assert_eq!(sides(&app, light), vec![side; count], "{count}");

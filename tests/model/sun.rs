@@ -230,6 +230,26 @@ fn a_sun_that_rests_costs_nothing() {
     }
 }
 
+/// Nor, without steps, while a camera moves.
+#[test]
+fn a_sun_that_rests_has_no_map_drawn_for_a_walk() {
+    for start in 0..20 {
+        let mut day = Day::new(CascadeFit::Steady, 0.0, DVec3::new(3.0, 1.7, -2.0));
+        let mut to_light = DVec3::Y;
+        for frame in start..start + 4 {
+            to_light = Day::to_light(30.0 + 0.37 * f64::from(frame));
+            day.plan(to_light);
+        }
+        let drawn: usize = (0..60)
+            .map(|_| {
+                day.eye.x += 0.02;
+                drawn(&day.plan(to_light))
+            })
+            .sum();
+        assert!(drawn <= 4, "{start}: {drawn}");
+    }
+}
+
 /// How far texels move under the middle of what a map is for (texels), at most, from frame to frame in
 /// which it keeps its texels' size.
 fn texels_move(fit: &CascadeFit, eye: DVec3, from: f64) -> f64 {
