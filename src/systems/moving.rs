@@ -40,7 +40,12 @@ impl MovingCasters {
 
     /// Takes those in that have moved in this frame, and gives those back that have come to rest.
     pub fn update(&mut self, moved: Vec<Entity>) -> Vec<Entity> {
-        self.frame = self.frame.wrapping_add(1);
+        // Counted from the first that moves, so that the same motion has the same maps drawn.
+        self.frame = if self.casters.is_empty() {
+            0
+        } else {
+            self.frame.wrapping_add(1)
+        };
         for rested in self.casters.values_mut() {
             *rested = rested.saturating_add(1);
         }
