@@ -70,7 +70,7 @@ pub fn pass_time(
             light.illuminance = sun.description.illuminance;
         }
     }
-    let Some(hour) = day.hour.as_mut() else {
+    let Some(hour) = day.hour else {
         return;
     };
     let held = |key| f32::from(u8::from(keys.pressed(key)));
@@ -80,8 +80,9 @@ pub fn pass_time(
     } else {
         QUICK_PACE * quick
     };
-    *hour = (*hour + pace * time.delta_secs()).rem_euclid(24.0);
-    let to_sun = to_sun(*hour);
+    let hour = (hour + pace * time.delta_secs()).rem_euclid(24.0);
+    day.hour = Some(hour);
+    let to_sun = to_sun(hour);
     for (sun, mut transform, mut light) in &mut suns {
         transform.look_to(-to_sun, Vec3::Y);
         light.illuminance = sun.description.illuminance * (to_sun.y / TWILIGHT).clamp(0.0, 1.0);

@@ -222,16 +222,18 @@ pub(super) fn hold(
     }
     let held = held.as_mut()?;
     held.has_lasted = redraw.is_none();
-    let as_drawn = PlanInputs {
-        light: &held.light,
-        ..*inputs
-    };
     let mut map = CascadeMap {
         aliasing: held.placed.aliasing(inputs, volume),
         redraw,
-        hull_now: held.placed.hull(&as_drawn, volume, 0.0),
         ..held.map.clone()
     };
+    if redraw.is_none() {
+        let as_drawn = PlanInputs {
+            light: &held.light,
+            ..*inputs
+        };
+        map.hull_now = held.placed.hull(&as_drawn, volume, 0.0);
+    }
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {
         map.redraw = redraw.or(Some(Redraw::EveryFrame));
         // It need not last.

@@ -6,8 +6,7 @@
 use core::any::TypeId;
 
 use bevy::{
-    camera::primitives::Frustum,
-    camera::visibility::RenderLayers,
+    camera::{primitives::Frustum, visibility::RenderLayers},
     core_pipeline::schedule::RootNonCameraView,
     ecs::{
         component::Component,
