@@ -8,6 +8,9 @@ use super::ConfigError;
 
 /// The smallest map that still leaves room for the filter's guard texels.
 pub const MIN_MAP_SIZE: u32 = 64;
+/// What editors offer at most; the GPU's own limit may be lower or higher.
+const OFFERED_MAP_SIZE: u32 = 16384;
+const OFFERED_BUDGETS: core::ops::RangeInclusive<u32> = (1 << 16)..=(1 << 28);
 
 /// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
 /// GPU allows, powers of two or not.
@@ -21,18 +24,18 @@ pub const MIN_MAP_SIZE: u32 = 64;
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum MapSize {
     /// One size for all.
-    Same(u32),
+    Same(#[reflect(@MIN_MAP_SIZE..=OFFERED_MAP_SIZE)] u32),
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
     /// texels are drawn than in the first map alone, but each border shows a jump in sharpness, and
     /// it takes as much memory as `Same` of the first size.
-    Halving(u32),
+    Halving(#[reflect(@MIN_MAP_SIZE..=OFFERED_MAP_SIZE)] u32),
     /// One width and height per cascade.
     PerCascade(Vec<[u32; 2]>),
     /// So many texels for all maps together, shared so that all are predicted to be equally sharp,
     /// along both axes (Lloyd et al. 2006, Eqs. 13–14). Sizes change, if seldom, and with them the
     /// texels of stable maps. Layers are as large as the largest map, whose sides are at most √2 times
     /// those of an even share: at most twice the budget is allocated.
-    Budget(u32),
+    Budget(#[reflect(@OFFERED_BUDGETS)] u32),
 }
 
 impl Default for MapSize {

@@ -23,26 +23,26 @@ impl Aliasing {
     /// The aliasing of a map at one place.
     ///
     /// - `clip_from_world`: any map, warped or not; NDC x and y in [−1, 1] over the map.
-    /// - `axes`: the unit directions in world space along which x and y of the map grow at its
+    /// - `axes_ws`: the unit directions in world space along which x and y of the map grow at its
     ///   center. The shear of a warped map's texels is left out, as in the paper.
-    /// - `point`: in world space.
+    /// - `point_ws`: in world space.
     /// - `image_side`: side of the image at the point's depth (meters): `2 tan θ · depth`. All of
     ///   it counts as one pixel.
     ///
     /// `None` where the map has no image of the point (`w <= 0`) or no extent.
     pub fn at(
         clip_from_world: &DMat4,
-        axes: [DVec3; 2],
-        point: DVec3,
+        axes_ws: [DVec3; 2],
+        point_ws: DVec3,
         image_side: f64,
     ) -> Option<Self> {
-        let clip = *clip_from_world * point.extend(1.0);
-        let per_meter = |axis: DVec3, row: usize| {
-            let change = *clip_from_world * axis.extend(0.0);
-            ((change[row] - clip[row] / clip.w * change.w) / clip.w).abs()
+        let clip = *clip_from_world * point_ws.extend(1.0);
+        let per_meter = |axis_ws: DVec3, row: usize| {
+            let change_cs = *clip_from_world * axis_ws.extend(0.0);
+            ((change_cs[row] - clip[row] / clip.w * change_cs.w) / clip.w).abs()
         };
         // The map is two wide.
-        let [x, z] = [0, 1].map(|row| 2.0 / per_meter(axes[row], row) / image_side);
+        let [x, z] = [0, 1].map(|row| 2.0 / per_meter(axes_ws[row], row) / image_side);
         let is_valid = clip.w > 0.0 && x.is_finite() && z.is_finite();
         is_valid.then_some(Self { x, z })
     }

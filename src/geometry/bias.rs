@@ -69,8 +69,8 @@ pub struct MapDerivatives {
 
 impl MapDerivatives {
     /// At a point in world space. `None` where the map has no image of it.
-    pub fn at(clip_from_world: &DMat4, point: DVec3) -> Option<Self> {
-        let clip = *clip_from_world * point.extend(1.0);
+    pub fn at(clip_from_world: &DMat4, point_ws: DVec3) -> Option<Self> {
+        let clip = *clip_from_world * point_ws.extend(1.0);
         let ndc = clip.truncate() / clip.w;
         let row = |index| clip_from_world.row(index).truncate();
         let gradient = |index, value| (row(index) - value * row(3)) / clip.w;
@@ -85,9 +85,9 @@ impl MapDerivatives {
     /// Change of NDC depth per NDC length along the map's x and y, over the plane through the
     /// point with this normal (world space, of any length). `None` if the normal has no
     /// direction or the map no area.
-    pub fn depth_slope(&self, normal: DVec3) -> Option<DVec2> {
-        let normal = normal.try_normalize()?;
-        let (y_and_normal, normal_and_x) = (self.y.cross(normal), normal.cross(self.x));
+    pub fn depth_slope(&self, normal_ws: DVec3) -> Option<DVec2> {
+        let normal_ws = normal_ws.try_normalize()?;
+        let (y_and_normal, normal_and_x) = (self.y.cross(normal_ws), normal_ws.cross(self.x));
         let area = self.x.dot(y_and_normal);
         let least = self.x.length() * self.y.length() / f64::from(EDGE_ON_RECIPROCAL);
         let clamped_area = area.abs().max(least).copysign(area);
@@ -138,19 +138,20 @@ impl Bias {
 }
 
 /// The bias of [`ShadowBias::Automatic`](crate::ShadowBias): what the plane, its bends, a wall on it
-/// and the rounding of positions need. `None` as for [`MapDerivatives`].
+/// and the rounding of positions need, for a point, a normal and a direction to the light in world
+/// space. `None` as for [`MapDerivatives`].
 pub fn automatic(
     clip_from_world: &DMat4,
-    point: DVec3,
-    normal: DVec3,
-    to_light: DVec3,
+    point_ws: DVec3,
+    normal_ws: DVec3,
+    to_light_ws: DVec3,
     map_size: DVec2,
 ) -> Option<Bias> {
-    let map = MapDerivatives::at(clip_from_world, point)?;
-    let (normal, to_light) = (normal.try_normalize()?, to_light.try_normalize()?);
-    let whole_slope = map.depth_slope(normal)? * 2.0 / map_size;
+    let map = MapDerivatives::at(clip_from_world, point_ws)?;
+    let (normal_ws, to_light_ws) = (normal_ws.try_normalize()?, to_light_ws.try_normalize()?);
+    let whole_slope = map.depth_slope(normal_ws)? * 2.0 / map_size;
     let sizes = map.texel(map_size);
-    let per_meter = map.z.dot(to_light).abs();
+    let per_meter = map.z.dot(to_light_ws).abs();
     let texel_depth = sizes.max_element() * per_meter;
     if !(texel_depth > 0.0 && texel_depth.is_finite()) {
         return None;
@@ -158,10 +159,10 @@ pub fn automatic(
     let whole_steepness = whole_slope.abs().element_sum();
     let steepness = whole_steepness.min(f64::from(STEEPEST_SLOPE) * texel_depth);
     let slope = whole_slope * (steepness / whole_steepness.max(f64::MIN_POSITIVE));
-    let facing = normal.dot(to_light).abs();
+    let facing = normal_ws.dot(to_light_ws).abs();
     let out = facing.max(1.0 / f64::from(EDGE_ON_RECIPROCAL));
     let positions =
-        (point.x.abs() + point.y.abs() + point.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
+        (point_ws.x.abs() + point_ws.y.abs() + point_ws.z.abs()) / f64::from(ROUNDING_RECIPROCAL);
     let sideways = (slope.abs() / sizes).element_sum();
     Some(Bias {
         slope,

@@ -42,7 +42,7 @@ impl Wedge {
     /// The wedges of all sides that get a map: those that face the light if it comes from behind
     /// the camera, those that face away from it otherwise, unless they are nearly edge-on
     /// ([`SLIVER`]). With the sides stretched to the eye they make up the view. None if the view is not in
-    /// perspective or `to_light` has no direction.
+    /// perspective or `to_light`, in world space, has no direction.
     pub fn of_view(view: &ViewVolume, to_light: DVec3) -> Vec<Self> {
         let at_eye = [view.min[0], view.max[0]] == [DVec2::ZERO; 2];
         let is_cone = at_eye && view.max[1] != view.min[1];
@@ -131,8 +131,8 @@ impl Face {
 }
 
 /// The sides of a slice of a perspective view that get a map: those that face the light if it
-/// comes from behind the camera, those that face away from it otherwise. None if `to_light` has
-/// no direction.
+/// comes from behind the camera, those that face away from it otherwise. None if `to_light`,
+/// in world space, has no direction.
 ///
 /// The warp runs along the bisector of the side's two edges as the light sees them, and is as
 /// strong as makes errors along it equal at both ends.
@@ -165,7 +165,7 @@ pub fn sides(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Vec<Face> {
 }
 
 /// The near face of a slice, whose map needs no warp: the image is equally wide all over it.
-/// `None` if the light sees it edge-on.
+/// `to_light` is in world space. `None` if the light sees it edge-on.
 pub fn near(view: &ViewVolume, slice: &Slice, to_light: DVec3) -> Option<Face> {
     let facing = view.forward()?.dot(to_light.try_normalize()?);
     if facing.abs() < EDGE_ON {

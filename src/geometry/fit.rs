@@ -45,21 +45,21 @@ pub fn stable(
     slack: Slack,
 ) -> MapBox {
     let size = map_size.as_dvec2();
-    let radius = slice.radius.max(MIN_EXTENT) * light.spread();
-    let rounded = DVec2::new(
-        slack.round_up_at_once(radius.x),
-        slack.round_up_at_once(radius.y),
+    let radius_ls = slice.radius.max(MIN_EXTENT) * light.spread();
+    let rounded_ls = DVec2::new(
+        slack.round_up_at_once(radius_ls.x),
+        slack.round_up_at_once(radius_ls.y),
     );
-    let half = rounded * size / usable(size, 1.0 + 2.0 * reach.texels);
-    let texel = 2.0 * half / size;
-    let depth = half.max_element() + reach.texels * texel.max_element();
+    let half_ls = rounded_ls * size / usable(size, 1.0 + 2.0 * reach.texels);
+    let texel = 2.0 * half_ls / size;
+    let depth = half_ls.max_element() + reach.texels * texel.max_element();
     MapBox {
         // Depth moves in steps too: it is rounded the same from frame to frame.
         center: snapped(
             light.light_from_world(slice.center),
             texel.extend(texel.max_element()),
         ),
-        half: half.extend(depth),
+        half: half_ls.extend(depth),
         texel,
     }
 }
@@ -69,14 +69,15 @@ fn snapped(point: DVec3, cell: DVec3) -> DVec3 {
     (point / cell + 0.5).floor() * cell
 }
 
-/// The box of an upright cylinder around points, grown by some slack and moved in whole texels.
+/// The box of an upright cylinder around points in world space, grown by some slack and moved in
+/// whole texels.
 ///
 /// A view that turns sees about as much in every direction: the cylinder's radius and height stay
 /// much the same, whereas the smallest box would not. No texel is smaller than `finest` (meters), or what
 /// is left of a scene at the picture's border would have the map change. `kept` is the box's extent
 /// (meters).
 pub fn steady(
-    points: &[DVec3],
+    points_ws: &[DVec3],
     light: &LightFrame,
     map_size: UVec2,
     reach: LookupReach,
@@ -85,23 +86,26 @@ pub fn steady(
     kept: &mut [Kept<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
-    let least = (0.5 * finest * size).max(DVec2::splat(MIN_EXTENT));
-    let (center, radius) = bounding_circle(points);
-    let (bottom, top) = points
+    let least_ls = (0.5 * finest * size).max(DVec2::splat(MIN_EXTENT));
+    let (circle_ws, radius) = bounding_circle(points_ws);
+    let (bottom, top) = points_ws
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), point| {
             (lo.min(point.y), hi.max(point.y))
         });
-    let center = DVec3::new(center.x, 0.5 * (bottom + top), center.y);
+    let center_ws = DVec3::new(circle_ws.x, 0.5 * (bottom + top), circle_ws.y);
     // Of what may be longer than a unit vector, in frames that stand on the ground.
-    let half = |axis: DVec3| radius * axis.x.hypot(axis.z) + 0.5 * (top - bottom) * axis.y.abs();
+    let half = |axis_ws: DVec3| {
+        radius * axis_ws.x.hypot(axis_ws.z) + 0.5 * (top - bottom) * axis_ws.y.abs()
+    };
     let [across, up] = kept;
-    let extent = DVec2::new(
-        slack.round_up(half(light.x).max(least.x), across),
-        slack.round_up(half(light.y).max(least.y), up),
+    let extent_ls = DVec2::new(
+        slack.round_up(half(light.x).max(least_ls.x), across),
+        slack.round_up(half(light.y).max(least_ls.y), up),
     );
-    let half = extent.extend(half(light.z));
-    around(light.light_from_world(center), half, size, reach, slack)
+    let half_ls = extent_ls.extend(half(light.z));
+    let center_ls = light.light_from_world(center_ws);
+    around(center_ls, half_ls, size, reach, slack)
 }
 
 /// The box around a center and half an extent in the light's frame, with a guard for what lookups
@@ -148,11 +152,11 @@ fn bounding_circle(points: &[DVec3]) -> (DVec2, f64) {
     (center, farthest(center).0)
 }
 
-/// The smallest box around points in the light's frame, grown by some slack: as long as that
-/// lasts, the map moves in whole texels and does not change its size. `kept` is the extent
+/// The smallest box in the light's frame around points in world space, grown by some slack: as long
+/// as that lasts, the map moves in whole texels and does not change its size. `kept` is the extent
 /// (meters).
 pub fn tight(
-    points: &[DVec3],
+    points_ws: &[DVec3],
     light: &LightFrame,
     map_size: UVec2,
     reach: LookupReach,
@@ -160,20 +164,21 @@ pub fn tight(
     kept: &mut [Kept<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
-    let (lo, hi) = points
+    let points_ls = points_ws
         .iter()
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), point| {
-            let p = light.light_from_world(*point);
-            (lo.min(p), hi.max(p))
-        });
-    let extent = (hi - lo).max(DVec3::splat(MIN_EXTENT));
-    let [across, up] = kept;
-    let rounded = DVec2::new(
-        slack.round_up(extent.x, across),
-        slack.round_up(extent.y, up),
+        .map(|point_ws| light.light_from_world(*point_ws));
+    let (lo_ls, hi_ls) = points_ls.fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(lo, hi), point_ls| (lo.min(point_ls), hi.max(point_ls)),
     );
-    let half = (0.5 * rounded).extend(0.5 * extent.z);
-    around((lo + hi) * 0.5, half, size, reach, slack)
+    let extent_ls = (hi_ls - lo_ls).max(DVec3::splat(MIN_EXTENT));
+    let [across, up] = kept;
+    let rounded_ls = DVec2::new(
+        slack.round_up(extent_ls.x, across),
+        slack.round_up(extent_ls.y, up),
+    );
+    let half_ls = (0.5 * rounded_ls).extend(0.5 * extent_ls.z);
+    around((lo_ls + hi_ls) * 0.5, half_ls, size, reach, slack)
 }
 
 /// Texels left for the slice once the guard is taken off; at least half the map.
@@ -191,22 +196,22 @@ impl MapBox {
         }
     }
 
-    /// How far points may still move along the box's axes before lookups at them leave it (meters); below
-    /// zero where they do.
-    pub fn spare(&self, points: &[DVec3], light: &LightFrame, reach: LookupReach) -> DVec3 {
-        let guard = reach.texels * self.texel.extend(self.texel.max_element());
-        let spare = points.iter().map(|point| {
-            let off = light.light_from_world(*point) - self.center;
-            self.half - off.abs() - guard
+    /// How far points in world space may still move along the box's axes before lookups at them
+    /// leave it (meters); below zero where they do.
+    pub fn spare(&self, points_ws: &[DVec3], light: &LightFrame, reach: LookupReach) -> DVec3 {
+        let guard_ls = reach.texels * self.texel.extend(self.texel.max_element());
+        let spare_ls = points_ws.iter().map(|point_ws| {
+            let off_ls = light.light_from_world(*point_ws) - self.center;
+            self.half - off_ls.abs() - guard_ls
         });
-        spare.fold(DVec3::INFINITY, DVec3::min)
+        spare_ls.fold(DVec3::INFINITY, DVec3::min)
     }
 
     /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]
     /// with 1 at the light's side (reverse z), w = 1.
     pub fn clip_from_world(&self, light: &LightFrame) -> DMat4 {
-        let row = |axis: DVec3, center: f64, half: f64| {
-            (axis / half).extend(-(center + axis.dot(light.origin)) / half)
+        let row = |axis_ws: DVec3, center: f64, half: f64| {
+            (axis_ws / half).extend(-(center + axis_ws.dot(light.origin)) / half)
         };
         let x = row(light.x, self.center.x, self.half.x);
         let y = row(light.y, self.center.y, self.half.y);
@@ -218,7 +223,7 @@ impl MapBox {
     /// face.
     pub fn world_from_cascade(&self, light: &LightFrame) -> DMat4 {
         let rotation = light.world_from_light();
-        let origin = light.origin + rotation * (self.center + DVec3::Z * self.half.z);
-        DMat4::from_mat3_translation(rotation, origin)
+        let origin_ws = light.origin + rotation * (self.center + DVec3::Z * self.half.z);
+        DMat4::from_mat3_translation(rotation, origin_ws)
     }
 }

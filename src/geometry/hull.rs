@@ -16,7 +16,7 @@ pub struct CasterHull {
 
 impl CasterHull {
     /// Sweeps `body` towards the light, grown by `margin` meters on every side: what filters
-    /// and offsets reach beyond a surface point. `to_light` is a unit vector.
+    /// and offsets reach beyond a surface point. `to_light` is a unit vector in world space.
     pub fn new(body: &ConvexBody, to_light: DVec3, margin: f64) -> Self {
         let inside = body.center();
         let faces: Vec<Option<DVec3>> = body
@@ -68,7 +68,8 @@ impl CasterHull {
         Self { planes }
     }
 
-    /// The hull of the body on its way along a vector (meters): conservative, as it keeps the planes.
+    /// The hull of the body on its way along a vector in world space (meters): conservative, as it
+    /// keeps the planes.
     pub fn extended(mut self, along: DVec3) -> Self {
         for plane in &mut self.planes {
             plane.distance += plane.normal.dot(along).max(0.0);
@@ -95,7 +96,8 @@ impl CasterHull {
         })
     }
 
-    /// As [`CasterHull::intersects_box`], for a sphere: worth asking first, as most casters are far off.
+    /// As [`CasterHull::intersects_box`], for a sphere in world space: worth asking first, as most
+    /// casters are far off.
     pub fn intersects_sphere(&self, center: DVec3, radius: f64) -> bool {
         !self
             .planes

@@ -27,8 +27,8 @@ pub struct LightFrame {
 }
 
 impl LightFrame {
-    /// The frame of a light that lies in direction `to_light`; `None` if that has no direction
-    /// (zero, infinite or not a number). Its origin is the world's.
+    /// The frame of a light that lies in direction `to_light`, in world space; `None` if that has
+    /// no direction (zero, infinite or not a number). Its origin is the world's.
     pub fn new(to_light: DVec3) -> Option<Self> {
         let z = to_light.try_normalize()?;
         let helper = if z.y.abs() > 0.999 {
@@ -52,7 +52,8 @@ impl LightFrame {
     /// The frame of the light after a turn: it turns as far as the light does, and up to [`LEVELING`] times
     /// that about it, towards having `x` level. That, it has below 50° of elevation, where maps that are laid
     /// along the ground are sharper; higher up, what turns about the light would only swim. No path of the
-    /// light makes it jump, one over the zenith neither. `None` as for [`LightFrame::new`].
+    /// light makes it jump, one over the zenith neither. `to_light` and `None` as for
+    /// [`LightFrame::new`].
     pub fn following(&self, to_light: DVec3) -> Option<Self> {
         let z = to_light.try_normalize()?;
         if z == self.z {
@@ -79,7 +80,8 @@ impl LightFrame {
 
     /// A frame in which a texel covers the same ground wherever the light stands: `x` and `y` measure, along
     /// the world's X and against its Z, where light through a point meets the level of the origin. Maps are
-    /// sheared. `None` if the light has no direction, or stands lower than said (sine of its elevation).
+    /// sheared. `to_light` is in world space; `None` if it has no direction, or stands lower than
+    /// said (sine of its elevation).
     pub fn grounded(to_light: DVec3, lowest_sine: f64) -> Option<Self> {
         let z = to_light.try_normalize()?;
         (z.y.abs() >= lowest_sine).then(|| Self {
@@ -98,13 +100,13 @@ impl LightFrame {
     }
 
     /// Coordinates of a world-space point in the light's frame (meters).
-    pub fn light_from_world(&self, point: DVec3) -> DVec3 {
-        self.measured(point - self.origin)
+    pub fn light_from_world(&self, point_ws: DVec3) -> DVec3 {
+        self.measured(point_ws - self.origin)
     }
 
     /// A world-space vector in the light's frame (meters).
-    pub fn measured(&self, vector: DVec3) -> DVec3 {
-        DVec3::new(self.x.dot(vector), self.y.dot(vector), self.z.dot(vector))
+    pub fn measured(&self, v_ws: DVec3) -> DVec3 {
+        DVec3::new(self.x.dot(v_ws), self.y.dot(v_ws), self.z.dot(v_ws))
     }
 
     /// What takes light-space vectors to world space.
@@ -117,7 +119,7 @@ impl LightFrame {
         DMat3::from_cols(per_area * across[0], per_area * across[1], self.z)
     }
 
-    /// Unit vectors across the light along which the map's rows and columns lie.
+    /// Unit vectors across the light, in world space, along which the map's rows and columns lie.
     pub fn axes(&self) -> [DVec3; 2] {
         if !self.is_grounded {
             return [self.x, self.y];
@@ -135,7 +137,7 @@ impl LightFrame {
     }
 }
 
-/// Between unit vectors (radians); exact where it is small.
+/// Between unit vectors in one space (radians); exact where it is small.
 pub fn angle_between(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
 }

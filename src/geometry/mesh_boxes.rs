@@ -14,7 +14,8 @@ const MAX_PER_SIDE: u32 = 32;
 
 /// The boxes of a surface's parts, which together hold all its triangles: columns along its bounds'
 /// shortest side, over squares of the other two. Each triangle is wholly in the part that its middle
-/// is in. Parts without triangles are left out, and triangles that are not finite.
+/// is in. Parts without triangles are left out, and triangles that are not finite. All is in the
+/// surface's own space.
 ///
 /// Worked out bit by bit: all triangles are measured, then a grid is laid, then all are sorted in.
 #[derive(Debug, Clone)]

@@ -12,7 +12,7 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
-    /// How far it reaches from its center along a direction, per length of that.
+    /// How far it reaches from its center along a direction in world space, per length of that.
     pub fn reach(&self, direction: DVec3) -> f64 {
         (self.half_axes.transpose() * direction).abs().element_sum()
     }

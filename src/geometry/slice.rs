@@ -84,7 +84,7 @@ impl ViewVolume {
         self.max[1].y > self.min[1].y
     }
 
-    /// The vector whose product with a point, from the eye, is the point's depth.
+    /// The vector, in world space, whose product with a point, from the eye, is the point's depth.
     pub fn per_depth(&self) -> DVec3 {
         -self.axes.inverse().row(2)
     }
@@ -231,21 +231,21 @@ impl Slice {
     }
 
     fn new(view: &ViewVolume, near: f64, far: f64) -> Self {
-        let (a, b) = (view.corners_at(near), view.corners_at(far));
-        let mut local = [DVec3::ZERO; 8];
-        local[..4].copy_from_slice(&a);
-        local[4..].copy_from_slice(&b);
+        let (near_vs, far_vs) = (view.corners_at(near), view.corners_at(far));
+        let mut corners_vs = [DVec3::ZERO; 8];
+        corners_vs[..4].copy_from_slice(&near_vs);
+        corners_vs[4..].copy_from_slice(&far_vs);
 
         let scale = DVec3::new(
             rounded_length(view.axes.x_axis),
             rounded_length(view.axes.y_axis),
             rounded_length(view.axes.z_axis),
         );
-        let (center, radius) = bounding_sphere(&local, near, far, scale);
-        let world = |p: DVec3| view.eye + view.axes * p;
+        let (center_vs, radius) = bounding_sphere(&corners_vs, near, far, scale);
+        let world = |point_vs: DVec3| view.eye + view.axes * point_vs;
         Self {
-            corners: local.map(world),
-            center: world(center),
+            corners: corners_vs.map(world),
+            center: world(center_vs),
             radius,
         }
     }

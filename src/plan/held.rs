@@ -40,7 +40,7 @@ pub(super) struct HeldMap {
     size: UVec2,
     light: LightFrame,
     /// Of what was to be covered, in world space.
-    center: DVec3,
+    center_ws: DVec3,
     map: CascadeMap,
     /// It has outlived the frame that it was drawn in.
     has_lasted: bool,
@@ -138,7 +138,7 @@ pub(super) struct Spare {
     /// In any direction.
     pub around: f64,
     /// In one.
-    pub along: DVec3,
+    pub along_ws: DVec3,
 }
 
 /// What may move at all, as a share of its radius: what is much smaller than its map is not to draw the casters
@@ -164,26 +164,25 @@ fn ahead(
         return (wanted, Spare::default());
     };
     let most = MOST_SPARE * radius(volume);
-    let spare = spare(inputs, volume, &map_box).truncate();
-    let spare = spare.clamp(DVec2::ZERO, DVec2::splat(most));
-    let around = spare.max_element();
+    let spare_ls = spare(inputs, volume, &map_box).truncate();
+    let spare_ls = spare_ls.clamp(DVec2::ZERO, DVec2::splat(most));
+    let around = spare_ls.max_element();
     match (redraw, held) {
         // What its casters have drawn anew each frame need hold none for the frames to come.
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
         (Redraw::Moved, Some(held)) => {
-            let moved = volume.body.center() - held.center;
-            let across = inputs.light.measured(moved);
-            let share =
-                across.truncate() / across.truncate().abs().max_element().max(f64::MIN_POSITIVE);
-            let map_box = map_box.moved(share * spare);
+            let moved_ws = volume.body.center() - held.center_ws;
+            let across_ls = inputs.light.measured(moved_ws).truncate();
+            let share_ls = across_ls / across_ls.abs().max_element().max(f64::MIN_POSITIVE);
+            let map_box = map_box.moved(share_ls * spare_ls);
             let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
             // The far end of a view that turns moves about twice as far as its middle.
-            let along = 4.0 * around * moved.normalize_or_zero();
-            (placed, Spare { around, along })
+            let along_ws = 4.0 * around * moved_ws.normalize_or_zero();
+            (placed, Spare { around, along_ws })
         }
         _ => {
-            let along = DVec3::ZERO;
-            (wanted, Spare { around, along })
+            let along_ws = DVec3::ZERO;
+            (wanted, Spare { around, along_ws })
         }
     }
 }
@@ -215,7 +214,7 @@ pub(super) fn hold(
             placed,
             size,
             light: *inputs.light,
-            center: volume.body.center(),
+            center_ws: volume.body.center(),
             has_lasted: false,
             owed: None,
         });

@@ -28,7 +28,7 @@ const FINEST: f64 = 0.25;
 pub(super) struct PlacedMap {
     pub clip_from_world: DMat4,
     world_from_cascade: DMat4,
-    axes: [DVec3; 2],
+    axes_ws: [DVec3; 2],
     pub texel: DVec2,
     pub fit: MapFit,
     strength: f64,
@@ -85,7 +85,7 @@ pub(super) fn place(
             PlacedMap {
                 clip_from_world,
                 world_from_cascade: frame.world_from_frame(),
-                axes: [frame.x, frame.y],
+                axes_ws: [frame.x, frame.y],
                 texel,
                 fit,
                 strength,
@@ -100,7 +100,7 @@ impl PlacedMap {
         Self {
             clip_from_world: map_box.clip_from_world(light),
             world_from_cascade: map_box.world_from_cascade(light),
-            axes: light.axes(),
+            axes_ws: light.axes(),
             texel: map_box.texel,
             fit,
             strength: 0.0,
@@ -111,7 +111,7 @@ impl PlacedMap {
     /// The worst over what is seen of a body.
     pub fn aliasing(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> Option<Aliasing> {
         let vertices = volume.seen().vertices(inputs.view);
-        Aliasing::over(&self.clip_from_world, self.axes, &vertices)
+        Aliasing::over(&self.clip_from_world, self.axes_ws, &vertices)
     }
 
     /// Geometric mean over the vertices of what is seen, of a square texel. `None` where the map has no
@@ -120,7 +120,7 @@ impl PlacedMap {
         let vertices = volume.seen().vertices(inputs.view);
         let logarithms = vertices.iter().map(|vertex| {
             let vertex = core::slice::from_ref(vertex);
-            let aliasing = Aliasing::over(&self.clip_from_world, self.axes, vertex)?;
+            let aliasing = Aliasing::over(&self.clip_from_world, self.axes_ws, vertex)?;
             Some(0.5 * aliasing.storage().ln())
         });
         let sum: f64 = logarithms.sum::<Option<f64>>()?;
@@ -156,7 +156,7 @@ impl PlacedMap {
             texel: self.texel,
             fit: self.fit,
             strength: self.strength,
-            hull: hull.extended(spare.along),
+            hull: hull.extended(spare.along_ws),
             hull_now,
             aliasing: self.aliasing(inputs, volume),
             redraw: Some(redraw),

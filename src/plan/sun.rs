@@ -81,20 +81,20 @@ impl FollowedSun {
 
     /// The origin of the same grid that lies next to a point: whole texels from the one it has, and on the
     /// point's level.
-    fn anchor(&self, frame: &LightFrame, point: DVec3) -> DVec3 {
+    fn anchor(&self, frame: &LightFrame, point_ws: DVec3) -> DVec3 {
         if !(self.texel.is_finite() && self.texel.min_element() > 0.0) {
             return frame.origin;
         }
-        let offset = frame.light_from_world(point).truncate();
-        let whole = (offset / self.texel).round() * self.texel;
-        let across = frame.origin + frame.world_from_light() * whole.extend(0.0);
+        let offset_ls = frame.light_from_world(point_ws).truncate();
+        let whole_ls = (offset_ls / self.texel).round() * self.texel;
+        let across_ws = frame.origin + frame.world_from_light() * whole_ls.extend(0.0);
         // Along the light nothing moves over the map.
         let along = if frame.is_grounded {
-            (point.y - across.y) / frame.z.y
+            (point_ws.y - across_ws.y) / frame.z.y
         } else {
-            frame.z.dot(point - across)
+            frame.z.dot(point_ws - across_ws)
         };
-        across + frame.z * along
+        across_ws + frame.z * along
     }
 }
 

@@ -19,8 +19,8 @@ pub fn warp_direction(axis: WarpAxis, view: &ViewVolume, seen: &ConvexBody) -> O
     }
 }
 
-/// The frame and the strength (1/meters) of a warp along a direction, over what is seen of a body.
-/// `None` if light or camera have no direction.
+/// The frame and the strength (1/meters) of a warp along a direction, over what is seen of a body;
+/// directions are in world space. `None` if light or camera have no direction.
 pub fn warp_frame(
     warp: MapWarp,
     direction: DVec3,

@@ -90,25 +90,26 @@ pub(super) fn bounding_sphere(
     margin: Margin,
 ) -> (DVec3, f64) {
     let matrix = &world_from_local.matrix3;
-    let half = aabb.half_extents;
-    let [x, y, z] = [
-        matrix.x_axis * half.x,
-        matrix.y_axis * half.y,
-        matrix.z_axis * half.z,
+    let local_half = aabb.half_extents;
+    let [x_ws, y_ws, z_ws] = [
+        matrix.x_axis * local_half.x,
+        matrix.y_axis * local_half.y,
+        matrix.z_axis * local_half.z,
     ];
     // Boxes along the world's axes, with margins around them, are longer than their content.
-    let longest = x.length_squared() + y.length_squared() + z.length_squared();
+    let longest = x_ws.length_squared() + y_ws.length_squared() + z_ws.length_squared();
     let diagonal = 1.001 * f64::from(longest).sqrt();
     let radius = match margin {
         Margin::None => diagonal,
         Margin::Meters(meters) => 2.0 * (diagonal + meters),
         Margin::OwnSize => 4.0 * diagonal,
     };
-    let center = aabb.center.as_dvec3();
-    let center = matrix.x_axis.as_dvec3() * center.x
-        + matrix.y_axis.as_dvec3() * center.y
-        + matrix.z_axis.as_dvec3() * center.z;
-    (center + world_from_local.translation.as_dvec3(), radius)
+    let local_center = aabb.center.as_dvec3();
+    let center_ws = matrix.x_axis.as_dvec3() * local_center.x
+        + matrix.y_axis.as_dvec3() * local_center.y
+        + matrix.z_axis.as_dvec3() * local_center.z
+        + world_from_local.translation.as_dvec3();
+    (center_ws, radius)
 }
 
 /// A local box in world space, with a margin around it.
@@ -123,25 +124,25 @@ pub(super) fn world_bounds(
         matrix.y_axis.as_dvec3(),
         matrix.z_axis.as_dvec3(),
     );
-    let half = aabb.half_extents.as_dvec3();
-    let [x, y, z] = [
-        axes.x_axis * half.x,
-        axes.y_axis * half.y,
-        axes.z_axis * half.z,
+    let local_half = aabb.half_extents.as_dvec3();
+    let [x_ws, y_ws, z_ws] = [
+        axes.x_axis * local_half.x,
+        axes.y_axis * local_half.y,
+        axes.z_axis * local_half.z,
     ];
     let bounds = OrientedBox {
         center: axes * aabb.center.as_dvec3() + world_from_local.translation.as_dvec3(),
-        half_axes: DMat3::from_cols(x, y, z),
+        half_axes: DMat3::from_cols(x_ws, y_ws, z_ws),
     };
     let meters = match margin {
         Margin::None => return bounds,
         Margin::Meters(meters) => meters,
-        Margin::OwnSize => x.length().max(y.length()).max(z.length()),
+        Margin::OwnSize => x_ws.length().max(y_ws.length()).max(z_ws.length()),
     };
     // Along the world's axes, or flat and sheared boxes would have none on some sides.
-    let half = x.abs() + y.abs() + z.abs();
+    let half_ws = x_ws.abs() + y_ws.abs() + z_ws.abs();
     OrientedBox {
-        half_axes: DMat3::from_diagonal(half + meters),
+        half_axes: DMat3::from_diagonal(half_ws + meters),
         ..bounds
     }
 }

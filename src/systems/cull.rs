@@ -162,8 +162,8 @@ impl Culling<'_> {
             (Some(aabb), Some(transform)) if self.is_on && !caster.is_unculled => {
                 let margin = Margin::of(caster.entity, caster.margin, self.displaced);
                 let affine = transform.affine();
-                let (center, radius) = bounding_sphere(aabb, &affine, margin);
-                let is_near = |map: &CascadeMap| hull(map).intersects_sphere(center, radius);
+                let (center_ws, radius) = bounding_sphere(aabb, &affine, margin);
+                let is_near = |map: &CascadeMap| hull(map).intersects_sphere(center_ws, radius);
                 let near = among.and(maps_where(self.plan, is_near));
                 if near.is_empty() {
                     return near;

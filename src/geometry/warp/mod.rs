@@ -47,8 +47,8 @@ const PARALLEL: f64 = 1e-6;
 const MIN_EXTENT: f64 = 1e-6;
 
 impl WarpFrame {
-    /// A frame whose warp runs along `away`, as far as that lies across the light. `None` if
-    /// it does not, or one of the directions is none.
+    /// A frame whose warp runs along `away`, as far as that lies across the light; all in world
+    /// space. `None` if it does not, or one of the directions is none.
     pub fn new(eye: DVec3, away: DVec3, to_light: DVec3) -> Option<Self> {
         let (z, away) = (to_light.try_normalize()?, away.try_normalize()?);
         let y = away.reject_from_normalized(z).try_normalize()?;
@@ -58,14 +58,15 @@ impl WarpFrame {
     }
 
     /// The frame for a view: the warp runs along the view direction, or along the camera's up
-    /// where light and view are parallel and no strength is above zero. `None` if `to_light`
-    /// has no direction or the camera no axes.
+    /// where light and view are parallel and no strength is above zero. `None` if `to_light`, in
+    /// world space, has no direction or the camera no axes.
     pub fn of_view(view: &ViewVolume, to_light: DVec3) -> Option<Self> {
         Self::along_or_up(view, view.forward()?, to_light)
     }
 
     /// A frame whose warp runs along `away`; or, where that is parallel to the light and no strength is above
-    /// zero, along the camera's up, or its right if that is as well. `None` as for [`WarpFrame::of_view`].
+    /// zero, along the camera's up, or its right if that is as well; all in world space. `None` as
+    /// for [`WarpFrame::of_view`].
     pub fn along_or_up(view: &ViewVolume, away: DVec3, to_light: DVec3) -> Option<Self> {
         let to_light = to_light.try_normalize()?;
         let is_across = |axis: &DVec3| axis.cross(to_light).length() > PARALLEL * axis.length();
@@ -91,15 +92,15 @@ impl WarpFrame {
     /// least bias: how depth changes from texel to texel does not grow with the distance to the
     /// light's end of the body.
     pub fn clip_from_world(&self, body: &[BodyVertex], strength: f64) -> DMat4 {
-        let row = |axis: DVec3| axis.extend(-axis.dot(self.eye));
+        let row = |axis_ws: DVec3| axis_ws.extend(-axis_ws.dot(self.eye));
         let (near_line, far_line) = self.lines(body);
         let length = (far_line - near_line).max(MIN_EXTENT);
         let q = row(self.y) - near_line * DVec4::W;
         let w = DVec4::W + strength * q;
         let range = |row: DVec4| {
             extremes(body.iter().map(|vertex| {
-                let p = vertex.position.extend(1.0);
-                row.dot(p) / w.dot(p)
+                let point_ws = vertex.position.extend(1.0);
+                row.dot(point_ws) / w.dot(point_ws)
             }))
         };
 
@@ -199,8 +200,8 @@ impl WarpFrame {
     }
 
     fn local(&self, vertex: &BodyVertex) -> DVec3 {
-        let p = vertex.position - self.eye;
-        DVec3::new(self.x.dot(p), self.y.dot(p), self.z.dot(p))
+        let p_ws = vertex.position - self.eye;
+        DVec3::new(self.x.dot(p_ws), self.y.dot(p_ws), self.z.dot(p_ws))
     }
 }
 
