@@ -17,6 +17,9 @@ pub struct SceneDescription {
     pub seed: u64,
     /// Asset path of the shadow preset.
     pub shadows: String,
+    /// Bevy's own shadows as suit the scene best.
+    #[serde(default)]
+    pub built_in: BuiltInDescription,
     /// Lens and path.
     pub camera: CameraPath,
     /// The directional light.
@@ -34,6 +37,29 @@ pub struct SceneDescription {
     /// What else stands on it, from glTF files.
     #[serde(default)]
     pub imports: Vec<Import>,
+}
+
+/// Bevy's own shadows, as the trade-off report tunes them: with the fewest wrong pixels at the
+/// scene's poses.
+#[derive(Deserialize, Debug, Clone, Copy, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct BuiltInDescription {
+    /// Where the first cascade ends (meters).
+    pub first_far: f32,
+    /// `DirectionalLight::shadow_normal_bias`.
+    pub normal_bias: f32,
+    /// `DirectionalLight::shadow_depth_bias`.
+    pub depth_bias: f32,
+}
+
+impl Default for BuiltInDescription {
+    fn default() -> Self {
+        Self {
+            first_far: 60.0,
+            normal_bias: 1.2,
+            depth_bias: 0.05,
+        }
+    }
 }
 
 /// The camera's lens and the closed path it flies along.

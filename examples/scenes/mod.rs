@@ -18,7 +18,7 @@ mod spawn;
 mod texture;
 
 pub use current::{CurrentScene, SCENES, SceneCamera};
-pub use format::{SceneDescription, SceneLoader};
+pub use format::{BuiltInDescription, SceneDescription, SceneLoader, SunDescription};
 pub use ground::Ground;
 pub use motion::{MovingSun, SceneSun};
 pub use noise::Stream;

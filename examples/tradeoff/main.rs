@@ -8,6 +8,8 @@ mod measure;
 mod scene;
 #[path = "../common/scene_stage.rs"]
 mod scene_stage;
+#[path = "../truth/mod.rs"]
+mod truth;
 #[path = "../common/warnings.rs"]
 mod warnings;
 

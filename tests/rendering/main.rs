@@ -1,5 +1,7 @@
 //! Pictures rendered headless and read back.
 
+#[path = "../../examples/explore/app/mod.rs"]
+mod explore;
 #[path = "../../examples/common/headless.rs"]
 mod headless;
 #[path = "../../examples/common/measure.rs"]
@@ -12,6 +14,8 @@ mod scene;
 mod scene_stage;
 #[path = "../../examples/tradeoff/study/mod.rs"]
 mod study;
+#[path = "../../examples/truth/mod.rs"]
+mod truth;
 #[path = "../../examples/common/warnings.rs"]
 mod warnings;
 
@@ -19,6 +23,7 @@ mod bias;
 mod casters;
 mod compare;
 mod drop_in;
+mod explorer;
 mod far;
 mod guests;
 mod hold;

@@ -8,8 +8,9 @@ use bevy_pssm::{ShadowPlans, prelude::*};
 use serde::Serialize;
 
 use super::{
+    light::Reference,
     settings::{Setting, Stock},
-    studio::{Reference, Stance, Studio},
+    studio::{Stance, Studio},
     trace::{Sample, Tracer},
 };
 

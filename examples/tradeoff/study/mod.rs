@@ -2,7 +2,6 @@
 
 #![allow(dead_code, reason = "shared with the tests")]
 
-pub mod accuracy;
 pub mod alternatives;
 pub mod cases;
 pub mod cost;
@@ -10,7 +9,6 @@ pub mod day;
 mod drawn;
 pub mod faults;
 pub mod flicker;
-pub mod gather;
 pub mod maps;
 pub mod paths;
 pub mod pictures;
@@ -18,5 +16,6 @@ pub mod row;
 pub mod run;
 pub mod settings;
 pub mod studio;
-pub mod trace;
 pub mod tune;
+
+pub use crate::truth::{accuracy, gather, light, trace};

@@ -16,9 +16,10 @@ use serde::Serialize;
 use super::{
     drawn::{DrawnShare, Work, percent},
     gather::Geometry,
+    light::Reference,
     maps::{Map, maps_of},
     settings::{Setting, Technique},
-    studio::{Reference, Stance, Studio},
+    studio::{Stance, Studio},
     trace::{Lens, Sample, Tracer},
 };
 

@@ -8,9 +8,10 @@ use super::{
     cost::Frame,
     flicker::{Flips, Motion, Nudge, steady},
     gather::Geometry,
+    light::{Picture, Reference},
     maps::{maps_of, texels_per_pixel},
     settings::{Setting, Technique},
-    studio::{Picture, Reference, Stance, Studio},
+    studio::{Stance, Studio},
     trace::Tracer,
 };
 

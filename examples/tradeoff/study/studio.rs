@@ -11,12 +11,11 @@ use bevy::{
     render::{render_resource::TextureFormat, settings::WgpuSettings},
 };
 use bevy_pssm::prelude::*;
-use half::f16;
-use image::RgbImage;
 
 use super::{
     cost::{Frame, time_systems},
     flicker::NudgePlugin,
+    light::{Picture, Reference},
     settings::{Setting, Technique},
     trace::Lens,
 };
@@ -24,11 +23,6 @@ use crate::{
     headless::Headless,
     measure::{MeasurePlugin, counts},
 };
-
-/// A sun whose light is less than this at a pixel cannot be told from none.
-const LEAST_LIGHT: f32 = 1e-3;
-/// … nor one that adds less than this share to what is there anyway.
-const LEAST_SHARE: f32 = 0.05;
 
 /// What the camera must have for pictures to be linear in the sun's light.
 pub fn linear_camera() -> impl Bundle {
@@ -70,51 +64,6 @@ pub struct Studio {
     /// What the last frame cost; what it says of the GPU is two frames old.
     pub cost: Frame,
     ours: bool,
-}
-
-/// What the camera sees with and without the sun, all shadows off.
-pub struct Reference {
-    lit: Picture,
-    dark: Picture,
-}
-
-/// A frame in linear light, row by row.
-pub struct Picture(Vec<[f32; 3]>);
-
-impl Picture {
-    /// A pixel's linear light.
-    pub fn pixel(&self, index: usize) -> [f32; 3] {
-        self.0[index]
-    }
-
-    fn brightness(&self) -> impl Iterator<Item = f32> {
-        self.0.iter().map(|[r, g, b]| r + g + b)
-    }
-
-    /// As on a screen.
-    pub fn to_image(&self, size: UVec2) -> RgbImage {
-        RgbImage::from_fn(size.x, size.y, |x, y| {
-            let [r, g, b] = self.0[(y * size.x + x) as usize];
-            let color = Color::linear_rgb(r, g, b).to_srgba();
-            image::Rgb(color.to_u8_array_no_alpha())
-        })
-    }
-}
-
-impl Reference {
-    /// The share of the sun's light that arrives at each pixel of a picture, 0 to 1; `None`
-    /// where none would anyway.
-    pub fn shares(&self, picture: &Picture) -> Vec<Option<f32>> {
-        let reference = self.lit.brightness().zip(self.dark.brightness());
-        let pixels = reference.zip(picture.brightness());
-        pixels
-            .map(|((lit, dark), seen)| {
-                let light = lit - dark;
-                let shows = light > LEAST_LIGHT && light > LEAST_SHARE * dark;
-                shows.then(|| ((seen - dark) / light).clamp(0.0, 1.0))
-            })
-            .collect()
-    }
 }
 
 impl Studio {
@@ -209,16 +158,7 @@ impl Studio {
     }
 
     fn develop(&self) -> Picture {
-        let bytes = self.headless.read_back();
-        let channel = |pair: [u8; 2]| f16::from_le_bytes(pair).to_f32();
-        let pixels = bytes.as_chunks::<8>().0.iter();
-        Picture(
-            pixels
-                .map(|[r0, r1, g0, g1, b0, b1, ..]| {
-                    [[*r0, *r1], [*g0, *g1], [*b0, *b1]].map(channel)
-                })
-                .collect(),
-        )
+        Picture::from_bytes(&self.headless.read_back())
     }
 
     /// The picture with and without the sun, where the camera stands.

@@ -1,4 +1,4 @@
-//! A day of two minutes, with a slider for the time.
+//! A day of minutes.
 
 use core::f32::consts::TAU;
 
@@ -6,22 +6,26 @@ use bevy::prelude::*;
 
 use crate::scene::SceneSun;
 
-/// Hours that pass in a second.
-const PACE: f32 = 24.0 / 120.0;
-/// … while an arrow is held.
-const QUICK_PACE: f32 = 4.0;
 /// Elevation of the sun at noon (degrees).
 const NOON: f32 = 62.0;
 /// The sun's light comes and goes while it is this near to the horizon (sine of its elevation).
 const TWILIGHT: f32 = 0.06;
-/// Of the slider, in letters.
-const WIDTH: usize = 24;
-
 /// What time it is, if the sun goes by that.
-#[derive(Resource, Debug, Default)]
+#[derive(Resource, Debug)]
 pub struct Day {
     /// From 0 to 24.
     pub hour: Option<f32>,
+    /// How long a day lasts.
+    pub minutes: f32,
+}
+
+impl Default for Day {
+    fn default() -> Self {
+        Self {
+            hour: None,
+            minutes: 2.0,
+        }
+    }
 }
 
 impl Day {
@@ -31,22 +35,6 @@ impl Day {
             None => Some(7.0),
             Some(_) => None,
         };
-    }
-
-    /// As text.
-    pub fn slider(&self) -> String {
-        let Some(hour) = self.hour else {
-            return "off".into();
-        };
-        let knob = (hour / 24.0 * WIDTH as f32) as usize;
-        let bar: String = (0..WIDTH)
-            .map(|letter| if letter == knob { 'o' } else { '-' })
-            .collect();
-        let minutes = (60.0 * hour.fract()) as u32;
-        format!(
-            "{:02}:{minutes:02} [{bar}]   left, right  move it",
-            hour as u32
-        )
     }
 }
 
@@ -59,7 +47,6 @@ fn to_sun(hour: f32) -> Vec3 {
 
 /// Has the sun follow the time. Below the horizon it has no light, and the plugin nothing to do.
 pub fn pass_time(
-    keys: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,
     mut day: ResMut<Day>,
     mut suns: Query<(&SceneSun, &mut Transform, &mut DirectionalLight)>,
@@ -73,13 +60,7 @@ pub fn pass_time(
     let Some(hour) = day.hour else {
         return;
     };
-    let held = |key| f32::from(u8::from(keys.pressed(key)));
-    let quick = held(KeyCode::ArrowRight) - held(KeyCode::ArrowLeft);
-    let pace = if quick == 0.0 {
-        PACE
-    } else {
-        QUICK_PACE * quick
-    };
+    let pace = 24.0 / (60.0 * day.minutes);
     let hour = (hour + pace * time.delta_secs()).rem_euclid(24.0);
     day.hour = Some(hour);
     let to_sun = to_sun(hour);

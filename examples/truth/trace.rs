@@ -30,7 +30,7 @@ const LIFT: f64 = 1e-6;
 const PADDING: f32 = 1e-5;
 
 /// What a camera looks through.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// From world space to clip space, as the GPU has it.
     pub clip_from_world: DMat4,
@@ -118,6 +118,17 @@ impl Tracer {
             }
         });
         samples
+    }
+
+    /// What is seen at some pixels' centers, as [`Tracer::picture`] has it.
+    pub fn pixels(&self, lens: &Lens, to_sun: DVec3, pixels: &[usize]) -> Vec<Option<Sample>> {
+        let world_from_clip = lens.clip_from_world.inverse();
+        let width = lens.size.x as usize;
+        let sample = |pixel: &usize| {
+            let at = [pixel % width, pixel / width].map(|side| side as f64 + 0.5);
+            self.sample(lens, &world_from_clip, at, to_sun)
+        };
+        pixels.iter().map(sample).collect()
     }
 
     /// By pixel, every so many both ways, what its center shows of what faces the sun.

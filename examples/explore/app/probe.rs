@@ -1,0 +1,512 @@
+//! The share of the sun's light that the sides show, by linear pictures: cameras stand where the
+//! sides' do for a few frames, beside two that see all of the sun's light and none of it.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use bevy::{
+    camera::{RenderTarget, visibility::RenderLayers},
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
+    ecs::system::SystemParam,
+    light::{
+        CascadeShadowConfig, DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver,
+        ShadowFilteringMethod,
+    },
+    math::{DMat4, DVec3},
+    platform::sync::Arc,
+    prelude::*,
+    render::{
+        Render, RenderApp, RenderSystems,
+        gpu_readback::{ReadbackComplete, ReadbackOnce},
+        render_resource::{PipelineCache, TextureFormat, TextureUsages},
+        renderer::RenderDevice,
+    },
+    tasks::{AsyncComputeTaskPool, Task, TaskPool, futures::check_ready},
+};
+use bevy_pssm::prelude::*;
+
+use super::sides::{
+    Compare, DARK_LAYER, LIT_LAYER, Pictures, Side, SideCamera, SideSun, Technique,
+};
+use crate::truth::{
+    light::{Picture, Reference},
+    trace::Lens,
+};
+
+/// Left, right, with all of the sun's light, without any.
+const SHOTS: usize = 4;
+/// Before all cameras that are seen.
+const FIRST_ORDER: isize = -10;
+/// Frames without waiting pipelines after which a picture is final.
+const QUIET_FRAMES: usize = 4;
+/// Frames after which pictures that have not arrived are taken anew.
+const PATIENCE: usize = 120;
+const FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+/// Bytes of a pixel.
+const PIXEL: usize = 8;
+
+/// Work that goes on while frames are drawn. It is given up when dropped.
+pub struct Errand<T>(Option<Task<T>>);
+
+impl<T> Default for Errand<T> {
+    fn default() -> Self {
+        Self(None)
+    }
+}
+
+impl<T: Send + 'static> Errand<T> {
+    /// Begins, in place of what was begun before.
+    pub fn start(&mut self, work: impl FnOnce() -> T + Send + 'static) {
+        let pool = AsyncComputeTaskPool::get_or_init(TaskPool::default);
+        self.0 = Some(pool.spawn(async move { work() }));
+    }
+
+    /// Whether something has begun whose result was not taken.
+    pub fn is_under_way(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// The result, once.
+    pub fn take(&mut self) -> Option<T> {
+        let result = self.0.as_mut().and_then(check_ready);
+        if result.is_some() {
+            self.0 = None;
+        }
+        result
+    }
+}
+
+/// From where something is seen, and under which sun.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// The camera's lens.
+    pub lens: Lens,
+    /// In world space (meters).
+    pub eye: DVec3,
+    /// A unit vector in world space.
+    pub to_sun: DVec3,
+    /// From the sky's own space to world space; none without a sky.
+    pub sky: Option<DMat4>,
+}
+
+/// All that the sides' pictures depend on while the scene stands still.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Subject {
+    /// From where.
+    pub view: View,
+    techniques: [Option<Technique>; 2],
+    suns: [Option<SunSettings>; 2],
+    filter: ShadowFilteringMethod,
+    overlay: ShadowOverlay,
+    built_in_size: usize,
+}
+
+/// A sun's light, and either technique's settings.
+#[derive(Debug, Clone, PartialEq)]
+struct SunSettings {
+    shadows: Option<ParallelSplitShadows>,
+    bounds: Vec<f32>,
+    has_maps: bool,
+    biases: [f32; 2],
+    illuminance: f32,
+    color: Color,
+}
+
+impl Subject {
+    /// Whose shadows a side shows; none if it is not shown, or something else in place of light.
+    pub fn technique(&self, side: Side) -> Option<Technique> {
+        let technique = self.techniques[side.index()];
+        technique.filter(|_| self.shows_light())
+    }
+
+    /// Whether there is no overlay.
+    pub fn shows_light(&self) -> bool {
+        self.overlay == ShadowOverlay::None
+    }
+
+    /// Whether the same sides are shown with the same techniques.
+    pub fn is_as(&self, compare: &Compare) -> bool {
+        self.techniques == techniques(compare)
+    }
+
+    fn layers(&self) -> [Option<usize>; SHOTS] {
+        let [left, right] = Side::BOTH.map(|side| self.technique(side).map(|_| side.layer()));
+        [left, right, Some(LIT_LAYER), Some(DARK_LAYER)]
+    }
+}
+
+/// Of the sides that are shown.
+fn techniques(compare: &Compare) -> [Option<Technique>; 2] {
+    let [left, right] = compare.techniques;
+    [Some(left), compare.wipe.map(|_| right)]
+}
+
+/// What is needed to know the [`Subject`].
+#[derive(SystemParam)]
+pub struct Scenery<'w, 's> {
+    compare: Res<'w, Compare>,
+    overlay: Res<'w, ShadowOverlay>,
+    built_in: Res<'w, DirectionalLightShadowMap>,
+    pictures: Option<Res<'w, Pictures>>,
+    cameras: Query<
+        'w,
+        's,
+        (
+            &'static SideCamera,
+            &'static GlobalTransform,
+            &'static Projection,
+            &'static ShadowFilteringMethod,
+        ),
+    >,
+    suns: Query<
+        'w,
+        's,
+        (
+            &'static SideSun,
+            &'static GlobalTransform,
+            &'static DirectionalLight,
+            &'static CascadeShadowConfig,
+            Option<&'static ParallelSplitShadows>,
+        ),
+    >,
+    skies: Query<
+        'w,
+        's,
+        &'static GlobalTransform,
+        (With<Mesh3d>, With<NotShadowCaster>, With<NotShadowReceiver>),
+    >,
+}
+
+impl Scenery<'_, '_> {
+    /// What is shown now; none while there is nothing.
+    pub fn subject(&self) -> Option<Subject> {
+        let size = self.pictures.as_ref()?.size;
+        if size.min_element() == 0 {
+            return None;
+        }
+        let mut cameras = self.cameras.iter();
+        let (_, camera, projection, filter) = cameras.find(|(it, ..)| it.0 == Side::Left)?;
+        let mut suns = self.suns.iter();
+        let (_, sun, ..) = suns.find(|(it, ..)| it.0 == Side::Left)?;
+        let sky = self.skies.single().ok();
+        Some(Subject {
+            view: View {
+                lens: Lens::of(camera, projection, size),
+                eye: camera.translation().as_dvec3(),
+                to_sun: sun.back().as_dvec3().normalize(),
+                sky: sky.map(|sky| sky.to_matrix().as_dmat4()),
+            },
+            techniques: techniques(&self.compare),
+            suns: Side::BOTH.map(|side| self.sun_settings(side)),
+            filter: *filter,
+            overlay: *self.overlay,
+            built_in_size: self.built_in.size,
+        })
+    }
+
+    fn sun_settings(&self, side: Side) -> Option<SunSettings> {
+        if side == Side::Right && self.compare.wipe.is_none() {
+            return None;
+        }
+        let mut suns = self.suns.iter();
+        let (_, _, light, config, shadows) = suns.find(|(it, ..)| it.0 == side)?;
+        Some(SunSettings {
+            shadows: shadows.cloned(),
+            bounds: config.bounds.clone(),
+            has_maps: light.shadow_maps_enabled,
+            biases: [light.shadow_depth_bias, light.shadow_normal_bias],
+            illuminance: light.illuminance,
+            color: light.color,
+        })
+    }
+}
+
+/// What the sides show of the sun's light.
+pub struct Shares {
+    /// Of what.
+    pub subject: Subject,
+    /// By side, if it is shown, and by pixel, where the sun's light would show.
+    pub sides: [Option<Vec<Option<f32>>>; 2],
+}
+
+/// Finds [`Shares`] of what is wanted.
+#[derive(Resource, Default)]
+pub struct Probe {
+    /// What has come to rest and is to be pictured.
+    pub wanted: Option<Subject>,
+    films: Films,
+    state: State,
+}
+
+impl Probe {
+    /// What was found of what was wanted last.
+    pub fn shares(&self) -> Option<&Arc<Shares>> {
+        match &self.state {
+            State::Done(shares) => Some(shares),
+            _ => None,
+        }
+    }
+}
+
+#[derive(Default)]
+enum State {
+    #[default]
+    Idle,
+    Shooting(Session),
+    Developing(Subject, Errand<Shares>),
+    Done(Arc<Shares>),
+}
+
+impl State {
+    fn subject(&self) -> Option<&Subject> {
+        match self {
+            Self::Idle => None,
+            Self::Shooting(session) => Some(&session.subject),
+            Self::Developing(subject, _) => Some(subject),
+            Self::Done(shares) => Some(&shares.subject),
+        }
+    }
+}
+
+/// What cameras draw into.
+#[derive(Default)]
+struct Films {
+    size: UVec2,
+    images: [Handle<Image>; SHOTS],
+}
+
+impl Films {
+    /// Whether they had that size already: the renderer has new ones a frame later.
+    fn have_size(&mut self, images: &mut Assets<Image>, size: UVec2) -> bool {
+        if self.size == size {
+            return true;
+        }
+        self.size = size;
+        self.images = core::array::from_fn(|_| {
+            let mut image = Image::new_target_texture(size.x, size.y, FORMAT, None);
+            image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+            images.add(image)
+        });
+        false
+    }
+}
+
+/// Cameras that stand there, and what they have taken so far.
+struct Session {
+    subject: Subject,
+    /// Cameras, a sun without shadows, and pictures that are on their way.
+    entities: Vec<Entity>,
+    /// Frames in a row without waiting pipelines.
+    quiet: usize,
+    /// Frames since pictures were asked for.
+    asked: Option<usize>,
+    pictures: [Option<Vec<u8>>; SHOTS],
+    /// What there was before.
+    memory: ShadowMemoryLimit,
+}
+
+/// Which picture is on its way.
+#[derive(Component)]
+struct Shot(usize);
+
+impl Session {
+    /// One more frame has been drawn.
+    fn step(&mut self, commands: &mut Commands, films: &Films, pipelines_wait: bool) {
+        if let Some(frames) = &mut self.asked {
+            *frames += 1;
+            return;
+        }
+        self.quiet = if pipelines_wait { 0 } else { self.quiet + 1 };
+        if self.quiet < QUIET_FRAMES {
+            return;
+        }
+        self.asked = Some(0);
+        let layers = self.subject.layers();
+        for (shot, image) in films.images.iter().enumerate() {
+            if layers[shot].is_some() {
+                let readback = ReadbackOnce::texture(image.clone());
+                self.entities
+                    .push(commands.spawn((readback, Shot(shot))).id());
+            }
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        let layers = self.subject.layers();
+        let mut shots = layers.iter().zip(&self.pictures);
+        shots.all(|(layer, picture)| layer.is_none() || picture.is_some())
+    }
+
+    fn is_lost(&self) -> bool {
+        self.asked.is_some_and(|frames| frames > PATIENCE)
+    }
+
+    fn end(&mut self, commands: &mut Commands, memory: &mut ShadowMemoryLimit) {
+        for entity in self.entities.drain(..) {
+            commands.entity(entity).try_despawn();
+        }
+        *memory = self.memory;
+    }
+}
+
+/// Keeps the [`Probe`] at work.
+pub struct ProbePlugin;
+
+impl Plugin for ProbePlugin {
+    fn build(&self, app: &mut App) {
+        let wait = PipelinesWait::default();
+        app.init_resource::<Probe>()
+            .insert_resource(wait.clone())
+            // Early, as cascades are planned for each camera later in the frame.
+            .add_systems(PreUpdate, take_pictures)
+            .add_observer(receive);
+        if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+            render_app.insert_resource(wait).add_systems(
+                Render,
+                note_waiting_pipelines.in_set(RenderSystems::Cleanup),
+            );
+        }
+    }
+}
+
+/// Whether pipelines were missing in the last frame that was drawn; both worlds have it.
+#[derive(Resource, Clone, Default)]
+struct PipelinesWait(Arc<AtomicBool>);
+
+fn note_waiting_pipelines(cache: Res<PipelineCache>, wait: Res<PipelinesWait>) {
+    let waits = cache.waiting_pipelines().next().is_some();
+    wait.0.store(waits, Ordering::Relaxed);
+}
+
+fn take_pictures(
+    mut commands: Commands,
+    mut probe: ResMut<Probe>,
+    wait: Res<PipelinesWait>,
+    mut images: ResMut<Assets<Image>>,
+    mut memory: ResMut<ShadowMemoryLimit>,
+    cameras: Query<(&SideCamera, &Transform, &Projection, &ShadowFilteringMethod)>,
+    suns: Query<(&SideSun, &Transform, &DirectionalLight)>,
+) {
+    let probe = &mut *probe;
+    let is_lost = matches!(&probe.state, State::Shooting(session) if session.is_lost());
+    if is_lost || probe.state.subject() != probe.wanted.as_ref() {
+        if let State::Shooting(session) = &mut probe.state {
+            session.end(&mut commands, &mut memory);
+        }
+        probe.state = State::Idle;
+    }
+    let Some(wanted) = &probe.wanted else {
+        return;
+    };
+    match &mut probe.state {
+        State::Idle => {
+            let camera = cameras.iter().find(|(it, ..)| it.0 == Side::Left);
+            let sun = suns.iter().find(|(it, ..)| it.0 == Side::Left);
+            let (Some((_, place, lens, filter)), Some((_, sun, light))) = (camera, sun) else {
+                return;
+            };
+            if !probe.films.have_size(&mut images, wanted.view.lens.size) {
+                return;
+            }
+            let mut entities = vec![spawn_sun(&mut commands, sun, light)];
+            let shots = wanted.layers().into_iter().zip(&probe.films.images);
+            for (shot, (layer, image)) in shots.enumerate() {
+                if let Some(layer) = layer {
+                    let camera = commands.spawn((
+                        linear_camera(shot, layer, image),
+                        (*place, lens.clone(), *filter),
+                    ));
+                    entities.push(camera.id());
+                }
+            }
+            let session = Session {
+                subject: wanted.clone(),
+                entities,
+                quiet: 0,
+                asked: None,
+                pictures: default(),
+                memory: *memory,
+            };
+            // Twice as many cameras need as large maps as before.
+            memory.0 = memory.0.saturating_mul(2);
+            probe.state = State::Shooting(session);
+        }
+        State::Shooting(session) => {
+            session.step(&mut commands, &probe.films, wait.0.load(Ordering::Relaxed));
+            if session.is_complete() {
+                session.end(&mut commands, &mut memory);
+                let pictures = core::mem::take(&mut session.pictures);
+                let subject = wanted.clone();
+                let mut errand = Errand::default();
+                errand.start(move || develop(subject, pictures));
+                probe.state = State::Developing(wanted.clone(), errand);
+            }
+        }
+        State::Developing(_, errand) => {
+            if let Some(shares) = errand.take() {
+                probe.state = State::Done(Arc::new(shares));
+            }
+        }
+        State::Done(_) => {}
+    }
+}
+
+/// The left sun once more, with nothing to hold its light back.
+fn spawn_sun(commands: &mut Commands, place: &Transform, light: &DirectionalLight) -> Entity {
+    let light = DirectionalLight {
+        shadow_maps_enabled: false,
+        ..*light
+    };
+    let layers = RenderLayers::layer(LIT_LAYER);
+    commands.spawn((light, *place, layers)).id()
+}
+
+/// A camera whose picture is linear in the sun's light.
+fn linear_camera(shot: usize, layer: usize, image: &Handle<Image>) -> impl Bundle + use<> {
+    (
+        Camera3d::default(),
+        Camera {
+            order: FIRST_ORDER + shot as isize,
+            ..default()
+        },
+        RenderTarget::from(image.clone()),
+        RenderLayers::layer(layer),
+        Tonemapping::None,
+        DebandDither::Disabled,
+        Msaa::Off,
+    )
+}
+
+fn receive(mut picture: On<ReadbackComplete>, shots: Query<&Shot>, mut probe: ResMut<Probe>) {
+    // Those of a session that has ended are not there any more.
+    let Ok(Shot(shot)) = shots.get(picture.entity) else {
+        return;
+    };
+    if let State::Shooting(session) = &mut probe.state
+        && let Some(slot) = session.pictures.get_mut(*shot)
+    {
+        *slot = Some(core::mem::take(&mut picture.event_mut().data));
+    }
+}
+
+fn develop(subject: Subject, pictures: [Option<Vec<u8>>; SHOTS]) -> Shares {
+    let size = subject.view.lens.size;
+    let picture = |bytes: Option<Vec<u8>>| {
+        let bytes = without_padding(&bytes?, size);
+        Some(Picture::from_bytes(&bytes))
+    };
+    let [left, right, lit, dark] = pictures.map(picture);
+    let reference = lit.zip(dark).map(|(lit, dark)| Reference { lit, dark });
+    let shares = |picture: Option<Picture>| Some(reference.as_ref()?.shares(&picture?));
+    Shares {
+        sides: [left, right].map(shares),
+        subject,
+    }
+}
+
+/// The GPU copies rows of certain lengths only.
+fn without_padding(bytes: &[u8], size: UVec2) -> Vec<u8> {
+    let row = size.x as usize * PIXEL;
+    let padded = RenderDevice::align_copy_bytes_per_row(row);
+    let rows = bytes.chunks(padded).filter_map(|padded| padded.get(..row));
+    rows.flatten().copied().collect()
+}
