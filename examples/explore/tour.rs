@@ -33,7 +33,7 @@ const INSET_SHARE: u32 = 8;
 /// Height of the captions (pixels).
 const LINE: f32 = 44.0;
 /// Between frames while rays are traced, which have more use for the time.
-const BREATH: Duration = Duration::from_millis(300);
+const BREATH: Duration = Duration::from_millis(100);
 /// Frames after which what does not appear is given up.
 const MAX_STEPS: usize = 20_000;
 
@@ -206,27 +206,36 @@ impl Guide {
             ShadowOverlay::None
         });
         world.resource_mut::<TruthView>().on = !stop.grids;
-        self.headless.settle();
         if !stop.grids {
-            self.until(|world| {
-                let (truth, compare) = (world.resource::<TruthView>(), world.resource::<Compare>());
-                if truth.progress < 1.0 {
-                    std::thread::sleep(BREATH);
-                }
-                truth.is_final(compare)
-            })?;
+            self.trace()?;
         }
+        self.headless.settle();
         self.write(stop, table)?;
-        self.headless.step();
         let mut picture = self.headless.picture();
         if stop.grids {
             // Nothing is enlarged.
             let height = self.size.y + LINE as u32;
             picture = imageops::crop_imm(&picture, 0, 0, picture.width(), height).to_image();
         }
-        self.headless.app.world_mut().resource_mut::<TruthView>().on = false;
-        self.headless.step();
         Ok(picture)
+    }
+
+    /// Until figures are final. The pictures would only take time meanwhile.
+    fn trace(&mut self) -> Result<(), BevyError> {
+        let hold = |guide: &mut Self, held| {
+            let world = guide.headless.app.world_mut();
+            world.resource_mut::<Pictures>().held = held;
+        };
+        hold(self, true);
+        let traced = self.until(|world| {
+            let (truth, compare) = (world.resource::<TruthView>(), world.resource::<Compare>());
+            if truth.progress < 1.0 {
+                std::thread::sleep(BREATH);
+            }
+            truth.is_final(compare)
+        });
+        hold(self, false);
+        traced
     }
 
     /// To a scene and a pose of it.

@@ -25,7 +25,9 @@ use image::RgbaImage;
 
 use crate::{
     explore::{
-        Compare, Control, ExplorerPlugin, Flight, Opened, Side, SideSun, Source, TruthView, WipeBar,
+        Compare, Control, ExplorerPlugin, Flight, Opened, Side, SideSun, Source, TruthView,
+        WipeBar,
+        settings::{self, Track, Value},
     },
     headless::Headless,
     scene::CurrentScene,
@@ -311,6 +313,72 @@ fn widgets_and_settings_never_disagree() {
     explorer.press(KeyCode::ArrowLeft, &Key::ArrowLeft);
     assert!(explorer.shadows().blend < before);
     explorer.picture("panel_scrolled");
+
+    // At twice the size all of a line is still within the panel.
+    explorer.world().insert_resource(UiScale(2.0));
+    explorer.steps(4);
+    explorer.picture("panel_twice");
+    let slider = explorer.widget(&setting(".blend"));
+    let (center, size) = explorer.place(slider);
+    assert!(size.x > 100.0 && center.x + 0.5 * size.x < 0.55 * SCREEN.x as f32);
+}
+
+#[test]
+fn every_field_has_a_row_and_every_choice_holds() {
+    let defaults = ParallelSplitShadows::default();
+    let rows = settings::rows(&defaults);
+    // The names of all fields, by another way.
+    let text = ron::to_string(&defaults).expect("settings can be written");
+    let names = text
+        .split(['(', ','])
+        .filter_map(|part| Some(part.split_once(':')?.0));
+    for name in names.filter(|name| *name != "comparison") {
+        let label = name.replace('_', " ");
+        assert!(
+            rows.iter().any(|row| row.label == label),
+            "{name} has no row"
+        );
+    }
+    let mut forms = 0;
+    for row in &rows {
+        let Value::Choice { names, .. } = &row.value else {
+            continue;
+        };
+        for chosen in 0..names.len() {
+            let mut shadows = defaults.clone();
+            settings::choose(&mut shadows, &row.path, chosen);
+            assert_eq!(
+                shadows.validate(16384),
+                Ok(()),
+                "{}: {}",
+                row.path,
+                names[chosen]
+            );
+            // What depends on the choice can be set, to either end of its slider.
+            for inner in settings::rows(&shadows) {
+                let Value::Number { range, whole, .. } = &inner.value else {
+                    continue;
+                };
+                if !inner.path.starts_with(&row.path) {
+                    continue;
+                }
+                let track = Track::new(range.as_ref(), *whole);
+                for position in [0.0, 0.5, 1.0] {
+                    let value = track.value(position);
+                    settings::set_number(&mut shadows, &inner.path, value);
+                    assert!(
+                        (track.position(value) - position).abs() < 0.02,
+                        "{}",
+                        inner.path
+                    );
+                }
+                forms += 1;
+            }
+            settings::reset(&mut shadows, &row.path);
+            assert!(settings::is_default(&shadows, &row.path), "{}", row.path);
+        }
+    }
+    assert!(forms > 20, "{forms}");
 }
 
 #[test]

@@ -15,7 +15,7 @@ mod panel;
 mod presets;
 mod probe;
 mod screen;
-mod settings;
+pub mod settings;
 mod sides;
 mod truth_view;
 

@@ -92,6 +92,8 @@ pub struct Pictures {
     pub size: UVec2,
     /// The screen's pixels along a side of one of theirs.
     pub coarseness: u32,
+    /// They stay as they are.
+    pub held: bool,
     /// Left and right.
     pub images: [Handle<Image>; 2],
 }
@@ -120,6 +122,7 @@ impl Pictures {
         Self {
             size,
             coarseness: 1,
+            held: false,
             images: [picture(), picture()],
         }
     }
@@ -279,8 +282,10 @@ fn mirror_suns(
 fn mirror_camera(
     mut commands: Commands,
     compare: Res<Compare>,
-    left: Query<
+    pictures: Option<Res<Pictures>>,
+    mut left: Query<
         (
+            &mut Camera,
             &Transform,
             Ref<Projection>,
             Option<Ref<DistanceFog>>,
@@ -296,15 +301,19 @@ fn mirror_camera(
         (With<SideCamera>, Without<SceneCamera>),
     >,
 ) {
-    let (Ok((place, lens, fog, filter, msaa, tonemapping, _)), Ok((camera, mut to, mut state))) =
-        (left.single(), right.single_mut())
+    let (
+        Ok((mut left, place, lens, fog, filter, msaa, tonemapping, _)),
+        Ok((camera, mut to, mut state)),
+    ) = (left.single_mut(), right.single_mut())
     else {
         return;
     };
     to.set_if_neq(*place);
-    let shown = compare.wipe.is_some();
-    if state.is_active != shown {
-        state.is_active = shown;
+    let drawn = pictures.is_some_and(|pictures| !pictures.held);
+    for (state, shown) in [(&mut left, true), (&mut state, compare.wipe.is_some())] {
+        if state.is_active != (shown && drawn) {
+            state.is_active = shown && drawn;
+        }
     }
     let mut camera = commands.entity(camera);
     if lens.is_changed() {
