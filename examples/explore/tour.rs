@@ -31,7 +31,7 @@ const FOLDER: &str = "target/demo";
 /// Of the pictures that are enlarged, along the width and the height of each side.
 const INSET_SHARE: u32 = 8;
 /// Height of the captions (pixels).
-const LINE: f32 = 44.0;
+const LINE: f32 = 48.0;
 /// Between frames while rays are traced, which have more use for the time.
 const BREATH: Duration = Duration::from_millis(100);
 /// Frames after which what does not appear is given up.
@@ -164,7 +164,7 @@ impl Guide {
                 padding: UiRect::all(px(4)),
                 ..placed(left, px(height), px(width), px(LINE))
             };
-            let text = (Text::default(), TextFont::from_font_size(13.0));
+            let text = (Text::default(), TextFont::from_font_size(11.0));
             world.spawn((text, place, ChildOf(root))).id()
         });
         let insets = Side::BOTH.map(|side| {

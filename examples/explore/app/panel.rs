@@ -6,7 +6,7 @@ use bevy::{
             FeathersButton, FeathersSelect, FeathersSlider, FeathersToggleSwitch, OptionIndex,
             list_rows_from_strings,
         },
-        display::{caption, label_small},
+        display::{caption, label, label_small},
     },
     input_focus::{FocusCause, InputFocus, tab_navigation::TabIndex},
     prelude::*,
@@ -140,14 +140,18 @@ fn spawn_line(commands: &mut Commands, panel: Entity, line: &Line) {
     let name = commands
         .spawn((
             Node {
-                width: percent(42),
+                width: percent(if line.state == State::None { 100 } else { 42 }),
                 flex_shrink: 0.0,
                 ..default()
             },
             ChildOf(row),
         ))
         .id();
-    if line.state != State::Button {
+    if line.state == State::None {
+        commands
+            .spawn_scene(label(line.label.clone()))
+            .insert(ChildOf(name));
+    } else if line.state != State::Button {
         commands
             .spawn_scene(label_small(match key_of(&line.control) {
                 Some(key) => format!("{} [{key}]", line.label),
