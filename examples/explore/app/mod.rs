@@ -6,6 +6,7 @@
 mod controls;
 mod counters;
 mod day;
+mod errand;
 mod flight;
 mod frozen;
 mod keys;
