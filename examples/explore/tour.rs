@@ -79,6 +79,11 @@ pub fn run(file: &Path, only: Option<&str>) -> Result<(), BevyError> {
     let start = Instant::now();
     let tour: Tour = ron::from_str(&std::fs::read_to_string(file)?)
         .map_err(|error| format!("{}:{error}", file.display()))?;
+    if let Some(scene) = only
+        && !tour.stops.iter().any(|stop| stop.scene == scene)
+    {
+        return Err(format!("The tour has no stop in {scene}.").into());
+    }
     std::fs::create_dir_all(FOLDER)?;
     let mut table = format!(
         "{:<16} {:<18} {:<30} {:>8} {:>8} {:>8} {:>8}  casters in cascades 1 2 3 4\n",

@@ -89,75 +89,81 @@ impl Geometry {
     /// `StandardMaterial` too.
     pub fn gather(world: &mut World) -> Self {
         let mut geometry = Self::default();
-        let mut entities = world.query::<(
-            &Mesh3d,
-            &MeshMaterial3d<StandardMaterial>,
-            &GlobalTransform,
-            &InheritedVisibility,
-            Option<&SkinnedMesh>,
-            Has<NotShadowCaster>,
-            Has<NotShadowReceiver>,
-        )>();
+        for entity in Self::entities(world) {
+            geometry.push(world, entity);
+        }
+        geometry
+    }
+
+    /// All that may be gathered.
+    pub fn entities(world: &mut World) -> Vec<Entity> {
+        type Drawn = (With<Mesh3d>, With<MeshMaterial3d<StandardMaterial>>);
+        let mut entities = world.query_filtered::<Entity, Drawn>();
+        entities.iter(world).collect()
+    }
+
+    /// Adds one of them. What has not loaded is left out.
+    pub fn push(&mut self, world: &World, entity: Entity) {
+        let Ok(entity) = world.get_entity(entity) else {
+            return;
+        };
+        let (Some(mesh), Some(material), Some(transform), Some(visible)) = (
+            entity.get::<Mesh3d>(),
+            entity.get::<MeshMaterial3d<StandardMaterial>>(),
+            entity.get::<GlobalTransform>(),
+            entity.get::<InheritedVisibility>(),
+        ) else {
+            return;
+        };
         let (meshes, materials) = (
             world.resource::<Assets<Mesh>>(),
             world.resource::<Assets<StandardMaterial>>(),
         );
-        let images = world.resource::<Assets<Image>>();
-        for (mesh, material, transform, visible, skin, no_caster, no_receiver) in
-            entities.iter(world)
-        {
-            let (Some(mesh), Some(material)) = (meshes.get(&mesh.0), materials.get(&material.0))
-            else {
-                continue;
-            };
-            let positions = float3(mesh, Mesh::ATTRIBUTE_POSITION);
-            let (Some(positions), true) = (positions, visible.get()) else {
-                continue;
-            };
-            let joints = skin.and_then(|skin| joint_matrices(world, skin));
-            let place = |vertex: usize| match joints.as_ref().and_then(|j| skinned(mesh, j, vertex))
-            {
-                Some(matrix) => matrix.transform_point3(positions[vertex]),
-                None => transform.transform_point(positions[vertex]),
-            };
-            let places: Vec<Vec3> = (0..positions.len()).map(place).collect();
-            let normal_matrix = transform.affine().matrix3.inverse().transpose();
-            let normals: Vec<Vec3> = match float3(mesh, Mesh::ATTRIBUTE_NORMAL) {
-                Some(normals) if joints.is_none() => normals
-                    .into_iter()
-                    .map(|normal| normal_matrix * normal)
-                    .collect(),
-                _ => vec![Vec3::ZERO; positions.len()],
-            };
-            let corners: Vec<usize> = match mesh.indices() {
-                Some(indices) => indices.iter().collect(),
-                None => (0..positions.len()).collect(),
-            };
-            let mask = mask_of(material, images).map(|(cutoff, texture)| Mask {
-                cutoff,
-                alpha: material.base_color.alpha(),
-                texture,
-                first_triangle: geometry.triangles.len() as u32,
-                uvs: uvs(mesh, &corners),
-            });
-            let surface = geometry.surfaces.len() as u32;
-            geometry.surfaces.push(Surface {
-                casts: !no_caster,
-                receives: !no_receiver && !material.unlit,
-                culled: material.cull_mode,
-                mask,
-            });
-            for [a, b, c] in corners.as_chunks().0 {
-                geometry
-                    .triangles
-                    .push([places[*a], places[*b], places[*c]]);
-                geometry
-                    .normals
-                    .push([normals[*a], normals[*b], normals[*c]]);
-                geometry.surface_of.push(surface);
-            }
+        let (Some(mesh), Some(material)) = (meshes.get(&mesh.0), materials.get(&material.0)) else {
+            return;
+        };
+        let positions = float3(mesh, Mesh::ATTRIBUTE_POSITION);
+        let (Some(positions), true) = (positions, visible.get()) else {
+            return;
+        };
+        let skin = entity.get::<SkinnedMesh>();
+        let joints = skin.and_then(|skin| joint_matrices(world, skin));
+        let place = |vertex: usize| match joints.as_ref().and_then(|j| skinned(mesh, j, vertex)) {
+            Some(matrix) => matrix.transform_point3(positions[vertex]),
+            None => transform.transform_point(positions[vertex]),
+        };
+        let places: Vec<Vec3> = (0..positions.len()).map(place).collect();
+        let normal_matrix = transform.affine().matrix3.inverse().transpose();
+        let normals: Vec<Vec3> = match float3(mesh, Mesh::ATTRIBUTE_NORMAL) {
+            Some(normals) if joints.is_none() => normals
+                .into_iter()
+                .map(|normal| normal_matrix * normal)
+                .collect(),
+            _ => vec![Vec3::ZERO; positions.len()],
+        };
+        let corners: Vec<usize> = match mesh.indices() {
+            Some(indices) => indices.iter().collect(),
+            None => (0..positions.len()).collect(),
+        };
+        let mask = mask_of(material, world.resource()).map(|(cutoff, texture)| Mask {
+            cutoff,
+            alpha: material.base_color.alpha(),
+            texture,
+            first_triangle: self.triangles.len() as u32,
+            uvs: uvs(mesh, &corners),
+        });
+        let surface = self.surfaces.len() as u32;
+        self.surfaces.push(Surface {
+            casts: !entity.contains::<NotShadowCaster>(),
+            receives: !entity.contains::<NotShadowReceiver>() && !material.unlit,
+            culled: material.cull_mode,
+            mask,
+        });
+        for [a, b, c] in corners.as_chunks().0 {
+            self.triangles.push([places[*a], places[*b], places[*c]]);
+            self.normals.push([normals[*a], normals[*b], normals[*c]]);
+            self.surface_of.push(surface);
         }
-        geometry
     }
 
     /// A triangle's surface.

@@ -111,13 +111,25 @@ impl Line {
     pub fn is_like(&self, other: &Self) -> bool {
         let alike = match (&self.state, &other.state) {
             (
-                State::Value(Value::Number { range: a, .. }),
-                State::Value(Value::Number { range: b, .. }),
+                State::Value(Value::Number {
+                    range: a, whole: b, ..
+                }),
+                State::Value(Value::Number {
+                    range: c, whole: d, ..
+                }),
+            ) => a == c && b == d,
+            (
+                State::Value(Value::Choice { names: a, .. }),
+                State::Value(Value::Choice { names: b, .. }),
             ) => a == b,
+            (State::Names(a, _), State::Names(b, _)) => a == b,
             (State::Flag(_), State::Flag(_)) => true,
             (a, b) => a == b,
         };
-        alike && self.control == other.control && self.label == other.label
+        alike
+            && self.depth == other.depth
+            && self.control == other.control
+            && self.label == other.label
     }
 }
 
@@ -183,11 +195,11 @@ pub struct ControlsPlugin;
 
 impl Plugin for ControlsPlugin {
     fn build(&self, app: &mut App) {
-        app.add_message::<Edit>().add_systems(Update, apply_edits);
+        app.add_message::<Edit>();
     }
 }
 
-fn apply_edits(mut edits: MessageReader<Edit>, mut controls: Controls) {
+pub(super) fn apply_edits(mut edits: MessageReader<Edit>, mut controls: Controls) {
     for edit in edits.read() {
         controls.set(&edit.control, &edit.to);
     }

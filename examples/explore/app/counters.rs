@@ -8,7 +8,9 @@ mod text;
 use core::time::Duration;
 
 use bevy::{
+    camera::visibility::VisibilitySystems,
     diagnostic::DiagnosticsStore,
+    light::SimulationLightSystems,
     platform::time::Instant,
     prelude::*,
     render::{Render, RenderApp, RenderSystems, diagnostic::RenderDiagnosticsPlugin},
@@ -28,6 +30,9 @@ use plot::{Plot, ground};
 const TEXT_INTERVAL: Duration = Duration::from_millis(250);
 const PLOT_INTERVAL: Duration = Duration::from_millis(100);
 
+/// Of the last frame in the mean of planning's time.
+const PLANNING_SHARE: f64 = 0.1;
+
 /// Keeps [`Counters`] up to date.
 pub struct CountersPlugin;
 
@@ -42,7 +47,16 @@ impl Plugin for CountersPlugin {
         let heard = Heard::default();
         app.insert_resource(heard.clone())
             .init_resource::<Counters>()
-            .add_systems(PostUpdate, count.after(PssmSystems::CullCasters));
+            .add_systems(
+                PostUpdate,
+                (
+                    begin
+                        .after(VisibilitySystems::CheckVisibility)
+                        .after(SimulationLightSystems::UpdateDirectionalLightCascades)
+                        .before(PssmSystems::PlanCascades),
+                    (end, count).chain().after(PssmSystems::CullCasters),
+                ),
+            );
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
             let listen = listen
                 .in_set(RenderSystems::PrepareViews)
@@ -59,6 +73,9 @@ impl Plugin for CountersPlugin {
 pub struct Counters {
     /// They are shown.
     pub on: bool,
+    /// From when the plugin could begin to plan until it has culled (milliseconds, a mean of the last frames).
+    pub planning: f64,
+    began: Option<Instant>,
     /// Of the last frame.
     pub latest: Figures,
     /// Milliseconds of frames, vertices of all shadow passes and maps drawn in a frame.
@@ -152,6 +169,8 @@ impl FromWorld for Counters {
         };
         Self {
             on: true,
+            planning: 0.0,
+            began: None,
             latest: Figures::default(),
             plots: [
                 plot("frame (ms)", [120, 200, 255]),
@@ -224,6 +243,18 @@ impl Window {
 
 fn drawn(cascades: &[CascadeFigures]) -> usize {
     cascades.iter().filter(|it| it.map.is_drawn()).count()
+}
+
+fn begin(mut counters: ResMut<Counters>) {
+    counters.began = Some(Instant::now());
+}
+
+/// Lights of both sides and of probes together; what else runs meanwhile takes its share of the cores.
+fn end(mut counters: ResMut<Counters>) {
+    if let Some(began) = counters.began.take() {
+        let milliseconds = 1e3 * began.elapsed().as_secs_f64();
+        counters.planning += PLANNING_SHARE * (milliseconds - counters.planning);
+    }
 }
 
 fn count(

@@ -87,6 +87,7 @@ impl Plugin for FrozenPlugin {
 fn freeze(
     mut frozen: ResMut<Frozen>,
     compare: Res<Compare>,
+    new: Query<(), Added<SideSun>>,
     cameras: Query<(Entity, &SideCamera, &Camera, &GlobalTransform, &Projection)>,
     suns: Query<(
         &SideSun,
@@ -95,7 +96,7 @@ fn freeze(
         &Cascades,
     )>,
 ) {
-    if !frozen.on {
+    if !frozen.on || !new.is_empty() {
         if frozen.kept.is_some() {
             frozen.kept = None;
         }

@@ -20,11 +20,11 @@ pub mod settings;
 mod sides;
 mod truth_view;
 
-pub use controls::{Control, Edit, To};
+pub use controls::Control;
 pub use flight::Flight;
 pub use open::{Opened, Source};
 pub use screen::{WipeBar, caption_of};
-pub use sides::{Compare, KeptShadows, Pictures, Side, SideCamera, SideSun, Technique};
+pub use sides::{Compare, KeptShadows, Pictures, Side, SideSun, Technique};
 pub use truth_view::TruthView;
 
 use bevy::{
@@ -79,7 +79,10 @@ impl Plugin for ExplorerPlugin {
             source: self.source.clone(),
         })
         .add_systems(Startup, open_first)
-        .add_systems(Update, (keys::press_keys, day::pass_time));
+        .add_systems(
+            Update,
+            (keys::press_keys, controls::apply_edits, day::pass_time).chain(),
+        );
     }
 }
 
@@ -118,8 +121,8 @@ fn open_first(
         (
             SceneCamera,
             FreeCamera {
-                walk_speed: 25.0,
-                run_speed: 120.0,
+                walk_speed: open::PACES.0,
+                run_speed: open::PACES.1,
                 ..default()
             },
             Tonemapping::TonyMcMapface,

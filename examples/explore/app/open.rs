@@ -3,9 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use bevy::{
-    asset::{AssetPath, LoadState},
+    asset::{AssetPath, LoadState, RecursiveDependencyLoadState},
     camera::primitives::Aabb,
+    camera_controller::free_camera::{FreeCamera, FreeCameraState},
+    ecs::query::QueryData,
     gltf::GltfAssetLabel,
+    pbr::DistanceFog,
     prelude::*,
 };
 use bevy_pssm::prelude::*;
@@ -16,8 +19,11 @@ use crate::scene::{
     SceneSun, SunDescription,
 };
 
-/// More directional lights than this Bevy does not shade with.
-const MOST_SUNS: usize = 10;
+/// Of a file's directional lights: with the right side's, and one that the truth needs, the ten that
+/// Bevy shades with.
+const MOST_SUNS: usize = 8;
+/// Flying through a scene of hundreds of meters (meters per second).
+pub const PACES: (f32, f32) = (25.0, 120.0);
 /// The sun of a file that has none.
 const ADDED_SUN: SunDescription = SunDescription {
     azimuth: 320.0,
@@ -72,6 +78,8 @@ pub struct Opened {
     wanted: Option<Source>,
     /// A file that is loading, or whose entities have not been looked at.
     gltf: Option<(Handle<WorldAsset>, PathBuf)>,
+    /// The scene that stands there while another one loads, and which it is.
+    standing: Option<(Handle<SceneDescription>, usize)>,
     root: Option<Entity>,
 }
 
@@ -108,23 +116,27 @@ fn start(
     };
     opened.message = None;
     opened.gltf = None;
-    opened.root = None;
-    *flight = Flight {
-        seconds: None,
-        pose: Some(0),
-    };
+    if current.spawned {
+        opened.standing = Some((current.handle.clone(), opened.scene));
+    }
+    if !matches!(source, Source::Gltf(_)) {
+        *flight = Flight {
+            seconds: None,
+            pose: Some(0),
+        };
+    }
     let path = |file: &Path| {
         AssetPath::from_path_buf(std::path::absolute(file).unwrap_or_else(|_| file.into()))
     };
     let index = |name: &str| SCENES.iter().position(|scene| *scene == name);
-    opened.scene = match &source {
-        Source::Shipped(name) => index(name).unwrap_or(SCENES.len()),
-        _ => SCENES.len(),
-    };
     match source {
-        Source::Shipped(name) => current.load(&name, &assets),
+        Source::Shipped(name) => {
+            opened.scene = index(&name).unwrap_or(SCENES.len());
+            current.load(&name, &assets);
+        }
         Source::Description(file) => {
             let scene = assets.load_builder().override_unapproved();
+            opened.scene = SCENES.len();
             current.handle = scene.load(path(&file));
             current.spawned = false;
         }
@@ -139,15 +151,25 @@ fn start(
 /// Title of a scene that has appeared, or why it has not.
 fn describe(
     mut opened: ResMut<Opened>,
-    current: Res<CurrentScene>,
+    mut current: ResMut<CurrentScene>,
+    mut flight: ResMut<Flight>,
     scenes: Res<Assets<SceneDescription>>,
     assets: Res<AssetServer>,
+    mut viewers: Query<&mut FreeCamera, With<SceneCamera>>,
 ) {
-    if let Some(LoadState::Failed(error)) = assets.get_load_state(&current.handle) {
-        let message = format!("The scene cannot be shown. {error}");
-        if opened.message.as_ref() != Some(&message) {
-            opened.message = Some(message);
-        }
+    let state = assets.get_load_state(&current.handle);
+    if let (false, Some(LoadState::Failed(error))) = (current.spawned, state) {
+        opened.message = Some(format!("The scene cannot be shown. {error}"));
+        // What stood there stays, and is what is shown.
+        let nothing = (default(), SCENES.len());
+        let (handle, scene) = opened.standing.take().unwrap_or(nothing);
+        opened.scene = scene;
+        flight.pose = None;
+        *current = CurrentScene {
+            handle,
+            spawned: true,
+        };
+        return;
     }
     if let Some(scene) = scenes.get(&current.handle)
         && current.is_changed()
@@ -155,6 +177,9 @@ fn describe(
     {
         opened.title.clone_from(&scene.title);
         opened.built_in = scene.built_in;
+        for mut legs in &mut viewers {
+            (legs.walk_speed, legs.run_speed) = PACES;
+        }
     }
 }
 
@@ -163,6 +188,7 @@ fn spawn_gltf(
     mut commands: Commands,
     mut opened: ResMut<Opened>,
     mut current: ResMut<CurrentScene>,
+    mut flight: ResMut<Flight>,
     assets: Res<AssetServer>,
     old: Query<Entity, With<SceneEntity>>,
 ) {
@@ -174,8 +200,18 @@ fn spawn_gltf(
             opened.gltf = None;
             opened.message = Some(format!("{} cannot be shown. {error}", file.display()));
         }
-        Some(LoadState::Loaded) if assets.is_loaded_with_dependencies(&scene) => {
+        Some(LoadState::Loaded) => {
+            opened.message = match assets.get_recursive_dependency_load_state(&scene) {
+                Some(RecursiveDependencyLoadState::Loaded) => None,
+                Some(RecursiveDependencyLoadState::Failed(error)) => Some(format!(
+                    "Something that {} needs is missing. {error}",
+                    file.display()
+                )),
+                _ => return,
+            };
             opened.gltf = None;
+            opened.scene = SCENES.len();
+            *flight = Flight::default();
             for entity in &old {
                 commands.entity(entity).despawn();
             }
@@ -194,6 +230,17 @@ fn spawn_gltf(
     }
 }
 
+/// Who stands before a file.
+#[derive(QueryData)]
+#[query_data(mutable)]
+struct Viewer {
+    entity: Entity,
+    place: &'static mut Transform,
+    lens: &'static mut Projection,
+    legs: &'static mut FreeCamera,
+    hands: &'static mut FreeCameraState,
+}
+
 /// Finds or adds a file's sun and stands before it, once its entities are there.
 fn look_at_gltf(
     mut commands: Commands,
@@ -202,8 +249,8 @@ fn look_at_gltf(
     boxes: Query<(&GlobalTransform, &Aabb), With<Mesh3d>>,
     meshes: Query<(), With<Mesh3d>>,
     lights: Query<(&DirectionalLight, &GlobalTransform)>,
-    cameras: Query<(), With<Camera>>,
-    mut viewers: Query<(&mut Transform, &mut Projection), With<SceneCamera>>,
+    mut cameras: Query<&mut Camera, Without<SceneCamera>>,
+    mut viewers: Query<Viewer, With<SceneCamera>>,
 ) {
     let Some(root) = opened.root else {
         return;
@@ -216,10 +263,12 @@ fn look_at_gltf(
         return;
     }
     opened.root = None;
-    let mut message = Vec::new();
+    let mut message: Vec<String> = opened.message.take().into_iter().collect();
     // The file's cameras would draw over everything.
-    for camera in of_file.iter().filter(|it| cameras.contains(**it)) {
-        commands.entity(*camera).despawn();
+    for camera in &of_file {
+        if let Ok(mut camera) = cameras.get_mut(*camera) {
+            camera.is_active = false;
+        }
     }
     let bounds = of_file.iter().filter_map(|it| boxes.get(*it).ok());
     let bounds = bounds.fold(None, |bounds: Option<(Vec3, Vec3)>, (place, bounds_of)| {
@@ -236,15 +285,22 @@ fn look_at_gltf(
         0.5 * (least + most),
         (0.5 * (most - least).length()).max(1e-3),
     );
-    for (mut place, mut lens) in &mut viewers {
+    for mut viewer in &mut viewers {
+        (viewer.legs.walk_speed, viewer.legs.run_speed) = (0.25 * radius, 1.25 * radius);
         let eye = center + radius * Vec3::new(0.8, 0.5, 1.1);
-        *place = Transform::from_translation(eye).looking_at(center, Vec3::Y);
-        *lens = Projection::Perspective(PerspectiveProjection {
+        *viewer.place = Transform::from_translation(eye).looking_at(center, Vec3::Y);
+        let (yaw, pitch, _) = viewer.place.rotation.to_euler(EulerRot::YXZ);
+        (viewer.hands.yaw, viewer.hands.pitch) = (yaw, pitch);
+        // The haze was the last scene's.
+        commands.entity(viewer.entity).remove::<DistanceFog>();
+        *viewer.lens = Projection::Perspective(PerspectiveProjection {
             near: 0.002 * radius,
             far: 20.0 * radius,
             ..default()
         });
     }
+    commands.insert_resource(GlobalAmbientLight::default());
+    commands.insert_resource(ClearColor::default());
     let suns = of_file
         .iter()
         .filter_map(|it| Some((*it, lights.get(*it).ok()?)));
@@ -252,13 +308,17 @@ fn look_at_gltf(
     suns.sort_by(|(_, (a, _)), (_, (b, _))| b.illuminance.total_cmp(&a.illuminance));
     if suns.len() > MOST_SUNS {
         message.push(format!(
-            "There are {} directional lights in this file, of which Bevy shades with {MOST_SUNS}.",
+            "There are {} directional lights in this file, of which the brightest {MOST_SUNS} are \
+             kept: Bevy shades with ten.",
             suns.len()
         ));
+        for (surplus, _) in &suns[MOST_SUNS..] {
+            commands.entity(*surplus).try_despawn();
+        }
     }
     let shadows = ParallelSplitShadows {
-        near: 0.01 * radius,
-        far: 4.0 * radius,
+        near: (0.01 * radius).min(1e5),
+        far: (4.0 * radius).min(1e6),
         ..default()
     };
     if let Some((of_file, (light, place))) = suns.first() {
@@ -269,7 +329,7 @@ fn look_at_gltf(
             wandered: 0.0,
         };
         // Apart from what its parents do to it: it is turned by hand from now on.
-        commands.entity(*of_file).despawn();
+        commands.entity(*of_file).try_despawn();
         commands.spawn((sun.transform(), sun, light, SceneEntity, shadows));
     } else {
         message.push("There is no directional light in this file: a sun was added.".to_owned());
@@ -289,7 +349,8 @@ fn look_at_gltf(
 }
 
 fn description_of(light: &DirectionalLight, place: &GlobalTransform) -> SunDescription {
-    let to_sun = place.back();
+    let to_sun = place.affine().matrix3 * Vec3::Z;
+    let to_sun = to_sun.try_normalize().unwrap_or(Vec3::Y);
     SunDescription {
         azimuth: to_sun.x.atan2(-to_sun.z).to_degrees(),
         elevation: to_sun.y.clamp(-1.0, 1.0).asin().to_degrees(),

@@ -94,9 +94,13 @@ fn put_in_force(
     if let Some(wanted) = presets.bypass_change_detection().wanted.take()
         && let Some(name) = presets.names.get(wanted).filter(|_| wanted > 0)
     {
-        commands
-            .entity(sun)
-            .insert(ShadowPreset(assets.load(path(name))));
+        let chosen: Handle<ParallelSplitShadows> = assets.load(path(name));
+        let mut sun = commands.entity(sun);
+        if let (Some(_), Some(shadows)) = (preset, loaded.get(&chosen)) {
+            // Also if it is the one that was chosen last, and has been changed since.
+            sun.insert(shadows.clone());
+        }
+        sun.insert(ShadowPreset(chosen));
         compare.techniques[edited.index()] = Technique::Plugin;
         return;
     }

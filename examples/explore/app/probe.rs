@@ -5,21 +5,27 @@ mod subject;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use bevy::camera::RenderTarget;
-use bevy::camera::visibility::RenderLayers;
-use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
-use bevy::light::ShadowFilteringMethod;
-use bevy::platform::sync::Arc;
-use bevy::prelude::*;
-use bevy::render::gpu_readback::{ReadbackComplete, ReadbackOnce};
-use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
-use bevy::render::renderer::RenderDevice;
-use bevy::render::{Render, RenderApp, RenderSystems};
+use bevy::{
+    camera::{RenderTarget, visibility::RenderLayers},
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
+    light::ShadowFilteringMethod,
+    platform::sync::Arc,
+    prelude::*,
+    render::{
+        Render, RenderApp, RenderSystems,
+        gpu_readback::{ReadbackComplete, ReadbackOnce},
+        render_resource::{PipelineCache, TextureFormat, TextureUsages},
+        renderer::RenderDevice,
+    },
+};
 use bevy_pssm::prelude::*;
 
-use super::errand::Errand;
-use super::sides::{LIT_LAYER, Side, SideCamera, SideSun};
+use super::{
+    errand::Errand,
+    sides::{LIT_LAYER, Side, SideCamera, SideSun},
+};
 use crate::truth::light::{Picture, Reference};
+
 pub use subject::{Scenery, Subject, View};
 
 /// Left, right, with all of the sun's light, without any.

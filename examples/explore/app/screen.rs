@@ -7,6 +7,7 @@ use bevy::{
     input_focus::tab_navigation::TabGroup,
     picking::{events::PointerDrag, hover::Hovered},
     prelude::*,
+    render::renderer::RenderDevice,
     ui::{UiSystems, widget::NodeImageMode},
     ui_widgets::ScrollArea,
 };
@@ -379,6 +380,7 @@ fn write_texts(
     opened: Res<Opened>,
     compare: Res<Compare>,
     counters: Res<Counters>,
+    device: Option<Res<RenderDevice>>,
     suns: Query<(&SideSun, &ParallelSplitShadows)>,
     mut messages: Query<(&mut Text, &mut Node), (With<MessageText>, Without<CounterText>)>,
     mut figures: Query<&mut Text, With<CounterText>>,
@@ -396,7 +398,8 @@ fn write_texts(
     }
     let mut message = opened.message.clone().unwrap_or_default();
     let edited = suns.iter().find(|(sun, _)| sun.0 == compare.edited);
-    if let Some(Err(error)) = edited.map(|(_, shadows)| shadows.validate(u32::MAX)) {
+    let largest = device.map_or(u32::MAX, |it| it.limits().max_texture_dimension_2d);
+    if let Some(Err(error)) = edited.map(|(_, shadows)| shadows.validate(largest)) {
         message += &format!("\n{error}\nThe last good settings stay in force.");
     }
     let message = message.trim().to_owned();

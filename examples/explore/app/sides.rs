@@ -205,9 +205,12 @@ fn adopt_suns(
         commands.entity(twin).despawn();
     }
     let layers = |side: Side| RenderLayers::layer(side.layer());
-    commands
-        .entity(sun)
-        .insert((SideSun(Side::Left), layers(Side::Left)));
+    commands.entity(sun).insert((
+        SideSun(Side::Left),
+        layers(Side::Left),
+        // The plugin would take over a range of the light's own.
+        CascadeShadowConfig::default(),
+    ));
     commands.spawn((
         *light,
         *transform,
@@ -292,7 +295,6 @@ fn mirror_camera(
             Ref<ShadowFilteringMethod>,
             Ref<Msaa>,
             Ref<Tonemapping>,
-            &SideCamera,
         ),
         With<SceneCamera>,
     >,
@@ -302,7 +304,7 @@ fn mirror_camera(
     >,
 ) {
     let (
-        Ok((mut left, place, lens, fog, filter, msaa, tonemapping, _)),
+        Ok((mut left, place, lens, fog, filter, msaa, tonemapping)),
         Ok((camera, mut to, mut state)),
     ) = (left.single_mut(), right.single_mut())
     else {
@@ -353,7 +355,8 @@ fn apply_techniques(
         match (technique, shadows, kept) {
             (Technique::Plugin, None, Some(kept)) => {
                 set_biases(&mut light, BuiltInShadows::bevys(kept.0.far).shadows);
-                sun.insert(kept.0.clone()).remove::<KeptShadows>();
+                sun.insert((kept.0.clone(), CascadeShadowConfig::default()))
+                    .remove::<KeptShadows>();
             }
             (Technique::Plugin, ..) | (_, None, None) => {}
             (_, Some(shadows), _) => {

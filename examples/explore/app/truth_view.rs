@@ -4,30 +4,33 @@
 mod judge;
 mod rays;
 
-use bevy::asset::RenderAssetUsages;
-use bevy::platform::sync::Arc;
-use bevy::prelude::*;
-use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+use core::time::Duration;
 
-use super::errand::Errand;
-use super::probe::Probe;
-use super::probe::ProbePlugin;
-use super::probe::Scenery;
-use super::probe::Shares;
-use super::probe::Subject;
-use super::sides::{Compare, Side};
-use crate::truth::accuracy::{Fault, Figures};
-use crate::truth::gather::Geometry;
-use judge::Judgement;
-use judge::Verdict;
-use rays::Pass;
-use rays::Stage;
-use rays::Trace;
+use bevy::{
+    asset::RenderAssetUsages,
+    platform::{sync::Arc, time::Instant},
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+};
+
+use super::{
+    errand::Errand,
+    probe::{Probe, ProbePlugin, Scenery, Shares, Subject},
+    sides::{Compare, Side},
+};
+use crate::truth::{
+    accuracy::{Fault, Figures},
+    gather::Geometry,
+};
+use judge::{Judgement, Verdict};
+use rays::{Pass, Stage, Trace};
 
 /// Frames after which what has not changed has come to rest.
 const REST: usize = 10;
 /// … where haste is asked for.
 const HASTY_REST: usize = 2;
+/// The most of a frame that gathering the scene's triangles takes.
+const GATHERING: Duration = Duration::from_millis(8);
 /// More is not shown before the figures are final.
 const ALMOST: f32 = 0.99;
 
@@ -71,6 +74,8 @@ struct Work {
     view_rests: usize,
     /// For how many frames everything has been the same.
     all_rests: usize,
+    /// What is still to be gathered, and what has been.
+    gathering: Option<(Vec<Entity>, Geometry)>,
     building: Errand<Stage>,
     stage: Option<Arc<Stage>>,
     trace: Option<Trace>,
@@ -157,6 +162,8 @@ impl TruthView {
         }
         if !is_same_view {
             work.view_rests = 0;
+            // The sky goes with the camera.
+            work.gathering = None;
             work.trace = None;
             work.found = None;
             work.judging = Errand::default();
@@ -224,13 +231,37 @@ fn wants_geometry(truth: Res<TruthView>) -> bool {
     work.subject.is_some() && work.view_rests >= truth.rest() && !is_there
 }
 
-/// Runs once after it is switched on, and for another scene.
+/// Goes through the scene after it is switched on, and through another one, in pieces that no
+/// frame has to wait for.
 fn gather(world: &mut World) {
-    let geometry = Geometry::gather(world);
-    if let Some(mut truth) = world.get_resource_mut::<TruthView>() {
+    let since = Instant::now();
+    let Some(mut truth) = world.get_resource_mut::<TruthView>() else {
+        return;
+    };
+    let is_hasty = truth.hasty;
+    let (mut entities, mut geometry) = match truth.work.gathering.take() {
+        Some(gathering) => gathering,
+        None => {
+            let mut entities = Geometry::entities(world);
+            entities.reverse();
+            (entities, Geometry::default())
+        }
+    };
+    while let Some(entity) = entities.pop() {
+        geometry.push(world, entity);
+        if since.elapsed() > GATHERING && !is_hasty {
+            break;
+        }
+    }
+    let Some(mut truth) = world.get_resource_mut::<TruthView>() else {
+        return;
+    };
+    if entities.is_empty() {
         let subject = truth.work.subject.as_ref();
         let sky = subject.and_then(|subject| subject.view.sky);
         truth.work.building.start(move || Stage::new(geometry, sky));
+    } else {
+        truth.work.gathering = Some((entities, geometry));
     }
 }
 

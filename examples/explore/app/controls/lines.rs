@@ -127,7 +127,7 @@ impl Controls<'_, '_> {
             );
         }
         line(Control::Heading("sun"), "sun", State::None);
-        if let Ok((sun, _)) = self.sun.single() {
+        if let (Ok((sun, _)), None) = (self.sun.single(), self.day.hour) {
             let azimuth = (sun.description.azimuth + sun.wandered).rem_euclid(360.0);
             line(
                 Control::Azimuth,

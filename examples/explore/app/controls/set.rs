@@ -23,6 +23,9 @@ impl Controls<'_, '_> {
                     0 => Side::Left,
                     _ => Side::Right,
                 };
+                if self.compare.edited == Side::Right {
+                    self.compare.wipe.get_or_insert(0.5);
+                }
             }
             Control::Technique => {
                 let side = self.compare.edited.index();
@@ -83,10 +86,14 @@ impl Controls<'_, '_> {
                 }
             }
             Control::Azimuth | Control::Elevation => self.turn_sun(control, to),
-            Control::Wandering => self.moving.0 = flag(to, self.moving.0),
+            Control::Wandering => {
+                self.moving.0 = flag(to, self.moving.0);
+                self.day.hour = self.day.hour.filter(|_| !self.moving.0);
+            }
             Control::Day => {
                 if flag(to, self.day.hour.is_some()) != self.day.hour.is_some() {
                     self.day.toggle();
+                    self.moving.0 = false;
                 }
             }
             Control::Hour => {
@@ -95,8 +102,12 @@ impl Controls<'_, '_> {
             }
             Control::DayMinutes => self.day.minutes = value(to, self.day.minutes, 2.0).max(0.1),
             Control::Preset => {
-                let chosen = next(to, self.presets.chosen, self.presets.names.len());
-                self.presets.choose(chosen);
+                let (now, count) = (self.presets.chosen, self.presets.names.len());
+                self.presets.choose(match to {
+                    // The first stands for none.
+                    To::Next => 1 + now % count.saturating_sub(1).max(1),
+                    _ => next(to, now, count),
+                });
             }
             Control::CopyRon | Control::SavePreset => {
                 let shadows = self.shadows(self.compare.edited).cloned();
@@ -132,9 +143,9 @@ impl Controls<'_, '_> {
     fn turn_sun(&mut self, control: &Control, to: &To) {
         for (mut sun, mut transform) in &mut self.sun {
             if *control == Control::Azimuth {
-                let azimuth = sun.description.azimuth + sun.wandered;
-                sun.wandered = 0.0;
-                sun.description.azimuth = value(to, azimuth, 320.0).rem_euclid(360.0);
+                // The sky has turned with it.
+                let own = sun.description.azimuth;
+                sun.wandered = value(to, own + sun.wandered, own).rem_euclid(360.0) - own;
             } else {
                 let elevation = value(to, sun.description.elevation, 40.0);
                 sun.description.elevation = elevation.clamp(-90.0, 90.0);

@@ -17,7 +17,10 @@ impl Counters {
         let mib = self.shown.bytes as f64 / f64::from(1 << 20);
         let mut lines = vec![
             format!("{pace:.1} fps  {frame:.2} ms   main {main} ms GPU"),
-            format!("shadow maps {mib:.1} MiB"),
+            format!(
+                "maps {mib:.1} MiB   plan and cull {:.2} ms CPU",
+                self.planning
+            ),
         ];
         for side in Side::BOTH {
             if side == Side::Left || compare.wipe.is_some() {

@@ -1,18 +1,22 @@
 //! What is seen, and all that its pictures depend on.
 
-use bevy::ecs::system::SystemParam;
-use bevy::light::{
-    CascadeShadowConfig, DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver,
-    ShadowFilteringMethod,
+use bevy::{
+    ecs::system::SystemParam,
+    light::{
+        CascadeShadowConfig, DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver,
+        ShadowFilteringMethod,
+    },
+    math::{DMat4, DVec3},
+    prelude::*,
 };
-use bevy::math::{DMat4, DVec3};
-use bevy::prelude::*;
 use bevy_pssm::prelude::*;
 
-use super::super::sides::{
-    Compare, DARK_LAYER, LIT_LAYER, Pictures, Side, SideCamera, SideSun, Technique,
+use super::{
+    super::sides::{
+        Compare, DARK_LAYER, LIT_LAYER, Pictures, Side, SideCamera, SideSun, Technique,
+    },
+    SHOTS,
 };
-use super::SHOTS;
 use crate::truth::trace::Lens;
 
 /// From where something is seen, and under which sun.

@@ -1,12 +1,14 @@
 //! What is wrong with a side's picture, and the marks that show it.
 
-use super::CLEAR;
 use bevy::prelude::*;
 
-use super::super::probe::Shares;
-use super::super::probe::Subject;
-use super::super::truth_view::SideResult;
-use super::super::truth_view::rays::Pass;
+use super::{
+    super::{
+        probe::{Shares, Subject},
+        truth_view::{SideResult, rays::Pass},
+    },
+    CLEAR,
+};
 use crate::truth::accuracy::{Accuracy, Fault};
 
 const LEAK: [u8; 4] = [230, 60, 40, 255];

@@ -1,19 +1,26 @@
 //! Rays in the background, coarse to fine.
 
-use core::sync::atomic::{AtomicUsize, Ordering};
-use core::time::Duration;
+use core::{
+    sync::atomic::{AtomicUsize, Ordering},
+    time::Duration,
+};
 
-use bevy::math::{DMat4, DVec3};
-use bevy::platform::sync::{Arc, Mutex};
-use bevy::platform::time::Instant;
-use bevy::prelude::*;
-use bevy::tasks::futures_lite::future::yield_now;
-use bevy::tasks::{AsyncComputeTaskPool, Task, TaskPool};
+use bevy::{
+    math::{DMat4, DVec3},
+    platform::{
+        sync::{Arc, Mutex},
+        time::Instant,
+    },
+    prelude::*,
+    tasks::{AsyncComputeTaskPool, Task, TaskPool, futures_lite::future::yield_now},
+};
 
 use super::super::probe::View;
-use crate::truth::accuracy::Truth;
-use crate::truth::gather::{Geometry, Surface};
-use crate::truth::trace::{Lens, Sample, Tracer};
+use crate::truth::{
+    accuracy::Truth,
+    gather::{Geometry, Surface},
+    trace::{Lens, Sample, Tracer},
+};
 
 /// Pixels from ray to ray, pass by pass.
 const STRIDES: [usize; 4] = [8, 4, 2, 1];
