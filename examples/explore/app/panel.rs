@@ -329,10 +329,21 @@ fn write_numbers(
         };
         for entity in children.iter_descendants(slider) {
             if let Ok(mut text) = texts.get_mut(entity) {
-                text.set_if_neq(Text(format!("{value}")));
+                text.set_if_neq(Text(in_digits(*value)));
             }
         }
     }
+}
+
+/// With four digits at least, and no zeros at the end.
+fn in_digits(value: f32) -> String {
+    let magnitude = value.abs().max(1e-6).log10().floor() as i32;
+    let places = (3 - magnitude).clamp(0, 9) as usize;
+    let text = format!("{value:.places$}");
+    if places == 0 {
+        return text;
+    }
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// Who has the keyboard is in view.
