@@ -1,6 +1,6 @@
 //! What every control is now.
 
-use bevy::{light::ShadowFilteringMethod, prelude::*};
+use bevy::light::ShadowFilteringMethod;
 use bevy_pssm::prelude::*;
 
 use super::{

@@ -1,7 +1,5 @@
 //! What is wrong with a side's picture, and the marks that show it.
 
-use bevy::prelude::*;
-
 use super::{
     super::{
         probe::{Shares, Subject},

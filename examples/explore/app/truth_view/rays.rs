@@ -11,7 +11,6 @@ use bevy::{
         sync::{Arc, Mutex},
         time::Instant,
     },
-    prelude::*,
     tasks::{AsyncComputeTaskPool, Task, TaskPool, futures_lite::future::yield_now},
 };
 
