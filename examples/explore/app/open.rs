@@ -155,8 +155,16 @@ fn describe(
     mut flight: ResMut<Flight>,
     scenes: Res<Assets<SceneDescription>>,
     assets: Res<AssetServer>,
+    presets: Query<&ShadowPreset>,
     mut viewers: Query<&mut FreeCamera, With<SceneCamera>>,
 ) {
+    for preset in &presets {
+        if let (None, Some(LoadState::Failed(error))) =
+            (&opened.message, assets.get_load_state(&preset.0))
+        {
+            opened.message = Some(format!("The preset cannot be used. {error}"));
+        }
+    }
     let state = assets.get_load_state(&current.handle);
     if let (false, Some(LoadState::Failed(error))) = (current.spawned, state) {
         opened.message = Some(format!("The scene cannot be shown. {error}"));

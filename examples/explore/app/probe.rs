@@ -1,5 +1,6 @@
-//! The share of the sun's light that the sides show, by linear pictures: cameras stand where the
-//! sides' do for a few frames, beside two that see all of the sun's light and none of it.
+//! The share of the sun's light that the sides show, by linear pictures: a camera stands where the
+//! sides' do, one for each of them after the other, then one that sees all of the sun's light and one
+//! that sees none. The sides' pictures stay as they are meanwhile, so that a frame costs no more.
 
 mod subject;
 
@@ -18,11 +19,10 @@ use bevy::{
         renderer::RenderDevice,
     },
 };
-use bevy_pssm::prelude::*;
 
 use super::{
     errand::Errand,
-    sides::{LIT_LAYER, Side, SideCamera, SideSun},
+    sides::{LIT_LAYER, Pictures, Side, SideCamera, SideSun},
 };
 use crate::truth::light::{Picture, Reference};
 
@@ -110,18 +110,21 @@ impl Films {
     }
 }
 
-/// Cameras that stand there, and what they have taken so far.
+/// The camera that stands there, and what others have taken before it.
 struct Session {
     subject: Subject,
-    /// Cameras, a sun without shadows, and pictures that are on their way.
+    /// A sun without shadows.
+    sun: Entity,
+    shot: usize,
+    /// The shot's camera, and its picture if that is on its way.
     entities: Vec<Entity>,
     /// Frames in a row without waiting pipelines.
     quiet: usize,
-    /// Frames since pictures were asked for.
+    /// Frames since the picture was asked for.
     asked: Option<usize>,
     pictures: [Option<Vec<u8>>; SHOTS],
-    /// What there was before.
-    memory: ShadowMemoryLimit,
+    /// Whether the sides' pictures would stay as they are anyway.
+    were_held: bool,
 }
 
 /// Which picture is on its way.
@@ -136,35 +139,35 @@ impl Session {
             return;
         }
         self.quiet = if pipelines_wait { 0 } else { self.quiet + 1 };
-        if self.quiet < QUIET_FRAMES {
-            return;
-        }
-        self.asked = Some(0);
-        let layers = self.subject.layers();
-        for (shot, image) in films.images.iter().enumerate() {
-            if layers[shot].is_some() {
-                let readback = ReadbackOnce::texture(image.clone());
-                self.entities
-                    .push(commands.spawn((readback, Shot(shot))).id());
-            }
+        if self.quiet >= QUIET_FRAMES {
+            self.asked = Some(0);
+            let readback = ReadbackOnce::texture(films.images[self.shot].clone());
+            let picture = commands.spawn((readback, Shot(self.shot)));
+            self.entities.push(picture.id());
         }
     }
 
-    fn is_complete(&self) -> bool {
-        let layers = self.subject.layers();
-        let mut shots = layers.iter().zip(&self.pictures);
-        shots.all(|(layer, picture)| layer.is_none() || picture.is_some())
+    /// The next shot that has no picture yet, if the present one is done.
+    fn next_shot(&self) -> Option<(usize, usize)> {
+        let layers = self.subject.layers().into_iter().enumerate();
+        let mut missing = layers.filter(|(shot, _)| self.pictures[*shot].is_none());
+        missing.find_map(|(shot, layer)| Some((shot, layer?)))
     }
 
     fn is_lost(&self) -> bool {
         self.asked.is_some_and(|frames| frames > PATIENCE)
     }
 
-    fn end(&mut self, commands: &mut Commands, memory: &mut ShadowMemoryLimit) {
+    fn despawn(&mut self, commands: &mut Commands) {
         for entity in self.entities.drain(..) {
             commands.entity(entity).try_despawn();
         }
-        *memory = self.memory;
+    }
+
+    fn end(&mut self, commands: &mut Commands, pictures: &mut Pictures) {
+        self.despawn(commands);
+        commands.entity(self.sun).try_despawn();
+        pictures.held = self.were_held;
     }
 }
 
@@ -202,68 +205,77 @@ fn take_pictures(
     mut probe: ResMut<Probe>,
     wait: Res<PipelinesWait>,
     mut images: ResMut<Assets<Image>>,
-    mut memory: ResMut<ShadowMemoryLimit>,
+    pictures: Option<ResMut<Pictures>>,
     cameras: Query<(&SideCamera, &Transform, &Projection, &ShadowFilteringMethod)>,
     suns: Query<(&SideSun, &Transform, &DirectionalLight)>,
 ) {
-    let probe = &mut *probe;
-    let is_lost = matches!(&probe.state, State::Shooting(session) if session.is_lost());
-    if is_lost || probe.state.subject() != probe.wanted.as_ref() {
-        if let State::Shooting(session) = &mut probe.state {
-            session.end(&mut commands, &mut memory);
-        }
-        probe.state = State::Idle;
-    }
-    let Some(wanted) = &probe.wanted else {
+    let Some(mut pictures) = pictures else {
         return;
     };
-    match &mut probe.state {
+    let Probe {
+        wanted,
+        films,
+        state,
+    } = &mut *probe;
+    let is_lost = matches!(state, State::Shooting(session) if session.is_lost());
+    if is_lost || state.subject() != wanted.as_ref() {
+        if let State::Shooting(session) = state {
+            session.end(&mut commands, &mut pictures);
+        }
+        *state = State::Idle;
+    }
+    let Some(wanted) = wanted else {
+        return;
+    };
+    match state {
         State::Idle => {
-            let camera = cameras.iter().find(|(it, ..)| it.0 == Side::Left);
             let sun = suns.iter().find(|(it, ..)| it.0 == Side::Left);
-            let (Some((_, place, lens, filter)), Some((_, sun, light))) = (camera, sun) else {
+            let (Some((_, sun, light)), true) =
+                (sun, films.have_size(&mut images, wanted.view.lens.size))
+            else {
                 return;
             };
-            if !probe.films.have_size(&mut images, wanted.view.lens.size) {
-                return;
-            }
-            let mut entities = vec![spawn_sun(&mut commands, sun, light)];
-            let shots = wanted.layers().into_iter().zip(&probe.films.images);
-            for (shot, (layer, image)) in shots.enumerate() {
-                if let Some(layer) = layer {
-                    let camera = commands.spawn((
-                        linear_camera(shot, layer, image),
-                        (*place, lens.clone(), *filter),
-                    ));
-                    entities.push(camera.id());
-                }
-            }
-            let session = Session {
+            *state = State::Shooting(Session {
                 subject: wanted.clone(),
-                entities,
+                sun: spawn_sun(&mut commands, sun, light),
+                shot: SHOTS,
+                entities: Vec::new(),
                 quiet: 0,
                 asked: None,
                 pictures: default(),
-                memory: *memory,
-            };
-            // Twice as many cameras need as large maps as before.
-            memory.0 = memory.0.saturating_mul(2);
-            probe.state = State::Shooting(session);
+                were_held: pictures.held,
+            });
+            pictures.held = true;
         }
         State::Shooting(session) => {
-            session.step(&mut commands, &probe.films, wait.0.load(Ordering::Relaxed));
-            if session.is_complete() {
-                session.end(&mut commands, &mut memory);
-                let pictures = core::mem::take(&mut session.pictures);
-                let subject = wanted.clone();
-                let mut errand = Errand::default();
-                errand.start(move || develop(subject, pictures));
-                probe.state = State::Developing(wanted.clone(), errand);
+            let camera = cameras.iter().find(|(it, ..)| it.0 == Side::Left);
+            match (session.next_shot(), camera) {
+                (Some((shot, _)), _) if shot == session.shot => {
+                    session.step(&mut commands, films, wait.0.load(Ordering::Relaxed));
+                }
+                (Some((shot, layer)), Some((_, place, lens, filter))) => {
+                    session.despawn(&mut commands);
+                    (session.shot, session.quiet, session.asked) = (shot, 0, None);
+                    let camera = commands.spawn((
+                        linear_camera(layer, &films.images[shot]),
+                        (*place, lens.clone(), *filter),
+                    ));
+                    session.entities.push(camera.id());
+                }
+                (Some(_), None) => {}
+                (None, _) => {
+                    session.end(&mut commands, &mut pictures);
+                    let pictures = core::mem::take(&mut session.pictures);
+                    let subject = wanted.clone();
+                    let mut errand = Errand::default();
+                    errand.start(move || develop(subject, pictures));
+                    *state = State::Developing(wanted.clone(), errand);
+                }
             }
         }
         State::Developing(_, errand) => {
             if let Some(shares) = errand.take() {
-                probe.state = State::Done(Arc::new(shares));
+                *state = State::Done(Arc::new(shares));
             }
         }
         State::Done(_) => {}
@@ -281,11 +293,11 @@ fn spawn_sun(commands: &mut Commands, place: &Transform, light: &DirectionalLigh
 }
 
 /// A camera whose picture is linear in the sun's light.
-fn linear_camera(shot: usize, layer: usize, image: &Handle<Image>) -> impl Bundle + use<> {
+fn linear_camera(layer: usize, image: &Handle<Image>) -> impl Bundle + use<> {
     (
         Camera3d::default(),
         Camera {
-            order: FIRST_ORDER + shot as isize,
+            order: FIRST_ORDER,
             ..default()
         },
         RenderTarget::from(image.clone()),

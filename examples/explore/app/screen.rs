@@ -11,7 +11,7 @@ use bevy::{
     ui::{UiSystems, widget::NodeImageMode},
     ui_widgets::ScrollArea,
 };
-use bevy_pssm::prelude::*;
+use bevy_pssm::{config::MAX_CASCADES, prelude::*};
 
 use super::{
     counters::{Counters, PLOT_SIZE},
@@ -429,7 +429,7 @@ fn show_maps(
     mut thumbnails: Query<(&Thumbnail, &mut Node)>,
 ) {
     for (Thumbnail(index), mut node) in &mut thumbnails {
-        let right = *index >= 4;
+        let right = *index >= MAX_CASCADES;
         let side = usize::from(right);
         let shown = maps.on
             && (!right || compare.wipe.is_some())

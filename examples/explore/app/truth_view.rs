@@ -202,7 +202,7 @@ fn watch(
     changed: Query<(), Changed<Mesh3d>>,
     mut removed: RemovedComponents<Mesh3d>,
 ) {
-    let is_another = removed.read().count() > 0 || !changed.is_empty();
+    let is_another = truth.on && (removed.read().count() > 0 || !changed.is_empty());
     let is_switched = truth.on != truth.has_paused;
     if is_switched {
         if truth.on {

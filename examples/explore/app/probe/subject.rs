@@ -46,13 +46,13 @@ pub struct Subject {
 
 /// A sun's light, and either technique's settings.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct SunSettings {
-    pub(super) shadows: Option<ParallelSplitShadows>,
-    pub(super) bounds: Vec<f32>,
-    pub(super) has_maps: bool,
-    pub(super) biases: [f32; 2],
-    pub(super) illuminance: f32,
-    pub(super) color: Color,
+struct SunSettings {
+    shadows: Option<ParallelSplitShadows>,
+    bounds: Vec<f32>,
+    has_maps: bool,
+    biases: [f32; 2],
+    illuminance: f32,
+    color: Color,
 }
 
 impl Subject {
@@ -79,7 +79,7 @@ impl Subject {
 }
 
 /// Of the sides that are shown.
-pub(super) fn techniques(compare: &Compare) -> [Option<Technique>; 2] {
+fn techniques(compare: &Compare) -> [Option<Technique>; 2] {
     let [left, right] = compare.techniques;
     [Some(left), compare.wipe.map(|_| right)]
 }
@@ -147,7 +147,7 @@ impl Scenery<'_, '_> {
         })
     }
 
-    pub(super) fn sun_settings(&self, side: Side) -> Option<SunSettings> {
+    fn sun_settings(&self, side: Side) -> Option<SunSettings> {
         if side == Side::Right && self.compare.wipe.is_none() {
             return None;
         }

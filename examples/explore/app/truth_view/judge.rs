@@ -1,11 +1,9 @@
 //! What is wrong with a side's picture, and the marks that show it.
 
 use super::{
-    super::{
-        probe::{Shares, Subject},
-        truth_view::{SideResult, rays::Pass},
-    },
-    CLEAR,
+    super::probe::{Shares, Subject},
+    CLEAR, SideResult,
+    rays::Pass,
 };
 use crate::truth::accuracy::{Accuracy, Fault};
 
@@ -68,7 +66,7 @@ impl Verdict {
 }
 
 /// Each pixel that has been traced stands for those after it.
-pub(super) fn marks_of(faults: &[Fault], width: usize, stride: usize) -> Vec<u8> {
+fn marks_of(faults: &[Fault], width: usize, stride: usize) -> Vec<u8> {
     let mark = |pixel: usize| {
         let (x, y) = (pixel % width, pixel / width);
         let traced = (y - y % stride) * width + x - x % stride;

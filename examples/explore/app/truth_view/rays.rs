@@ -31,9 +31,9 @@ const SHIFT: Duration = Duration::from_millis(4);
 
 /// A scene for rays.
 pub(super) struct Stage {
-    pub(super) still: Option<Tracer>,
+    still: Option<Tracer>,
     /// What goes with the camera, and from its own to world space where it was gathered.
-    pub(super) sky: Option<(Tracer, DMat4)>,
+    sky: Option<(Tracer, DMat4)>,
 }
 
 impl Stage {
@@ -48,14 +48,14 @@ impl Stage {
         }
     }
 
-    pub(super) fn picture(&self, view: &View) -> Vec<Option<Sample>> {
+    fn picture(&self, view: &View) -> Vec<Option<Sample>> {
         let count = view.lens.size.element_product() as usize;
         self.trace(view, count, |tracer, lens| {
             tracer.picture(lens, view.to_sun)
         })
     }
 
-    pub(super) fn pixels(&self, view: &View, pixels: &[usize]) -> Vec<Option<Sample>> {
+    fn pixels(&self, view: &View, pixels: &[usize]) -> Vec<Option<Sample>> {
         self.trace(view, pixels.len(), |tracer, lens| {
             tracer.pixels(lens, view.to_sun, pixels)
         })
@@ -63,7 +63,7 @@ impl Stage {
 
     /// The nearer of what stands and of the sky, where it is now: as if it had been moved, rays
     /// go the other way.
-    pub(super) fn trace(
+    fn trace(
         &self,
         view: &View,
         count: usize,
@@ -92,20 +92,20 @@ impl Stage {
     }
 }
 
-pub(super) fn nearer(eye: DVec3, a: Option<Sample>, b: Option<Sample>) -> Option<Sample> {
+fn nearer(eye: DVec3, a: Option<Sample>, b: Option<Sample>) -> Option<Sample> {
     let distance = |sample: &Sample| sample.point.distance_squared(eye);
     let samples = [a, b].into_iter().flatten();
     samples.min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
 /// Nothing, where there are no triangles.
-pub(super) fn tracer_of(geometry: Geometry) -> Option<Tracer> {
+fn tracer_of(geometry: Geometry) -> Option<Tracer> {
     (!geometry.triangles.is_empty()).then(|| Tracer::new(geometry))
 }
 
 /// Takes out what neither casts nor shows shadows. Its triangles shrink to points, that those of
 /// cut-outs keep their indices.
-pub(super) fn take_sky(geometry: &mut Geometry) -> Geometry {
+fn take_sky(geometry: &mut Geometry) -> Geometry {
     let mut sky = Geometry::default();
     for (triangle, index) in geometry.triangles.iter_mut().zip(&geometry.surface_of) {
         let surface = &geometry.surfaces[*index as usize];
@@ -137,7 +137,7 @@ pub(super) struct Pass {
 }
 
 impl Pass {
-    pub(super) fn new(lens: Lens, samples: Vec<Option<Sample>>, stride: usize) -> Self {
+    fn new(lens: Lens, samples: Vec<Option<Sample>>, stride: usize) -> Self {
         let share = |sample: &Option<Sample>| {
             let sample = sample.filter(|sample| sample.faces_sun)?;
             Some(f32::from(u8::from(sample.lit)))
@@ -152,18 +152,18 @@ impl Pass {
 
 /// Rays that are under way; they end when this is dropped.
 pub(super) struct Trace {
-    pub(super) pixels: usize,
-    pub(super) shared: Arc<Found>,
-    pub(super) _task: Task<()>,
+    pixels: usize,
+    shared: Arc<Found>,
+    _task: Task<()>,
 }
 
 /// What the thread of the rays hands over.
 #[derive(Default)]
-pub(super) struct Found {
+struct Found {
     /// Pixels that have been traced.
-    pub(super) done: AtomicUsize,
+    done: AtomicUsize,
     /// The last pass that has not been taken.
-    pub(super) pass: Mutex<Option<Pass>>,
+    pass: Mutex<Option<Pass>>,
 }
 
 impl Trace {
@@ -199,7 +199,7 @@ impl Trace {
 }
 
 impl Found {
-    pub(super) fn hand_over(&self, pass: Pass) {
+    fn hand_over(&self, pass: Pass) {
         if let Ok(mut slot) = self.pass.lock() {
             *slot = Some(pass);
         }
@@ -232,13 +232,13 @@ async fn trace_in_passes(stage: &Stage, view: &View, found: &Found) {
 
 /// Sees to it that a thread works a part of the time only.
 #[derive(Default)]
-pub(super) struct Pace {
+struct Pace {
     /// Since the last rest.
-    pub(super) worked: Duration,
+    worked: Duration,
 }
 
 impl Pace {
-    pub(super) fn work<T>(&mut self, work: impl FnOnce() -> T) -> T {
+    fn work<T>(&mut self, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
         self.worked += start.elapsed();
