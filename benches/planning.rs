@@ -164,7 +164,13 @@ enum Moves {
 fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
-    for count in [1_000, 10_000, 100_000] {
+    for (count, views) in [
+        (1_000, 1),
+        (10_000, 1),
+        (100_000, 1),
+        (100_000, 2),
+        (1_000_000, 1),
+    ] {
         let mut ours = Schedule::default();
         ours.add_systems((find_changes, plan_shadows, cull_casters).chain());
         let mut bevys = Schedule::default();
@@ -178,8 +184,8 @@ fn frames(criterion: &mut Criterion) {
         );
         let shadows = ParallelSplitShadows::default();
         let apps = [
-            ("plugin", wide_app(count, shadows), ours),
-            ("built-in", wide_app(count, ()), bevys),
+            ("plugin", wide_app(count, views, shadows), ours),
+            ("built-in", wide_app(count, views, ()), bevys),
         ];
         for (name, mut app, mut schedule) in apps {
             for (moving, moves) in [
@@ -189,8 +195,9 @@ fn frames(criterion: &mut Criterion) {
                 ("all", Moves::All),
             ] {
                 let world = app.world_mut();
+                let many = ["", " before two cameras, under two suns"][views - 1];
                 group.bench_function(
-                    format!("{count} meshes, {moving} moves, {name}"),
+                    format!("{count} meshes{many}, {moving} moves, {name}"),
                     |bencher| {
                         bencher.iter_custom(|times| {
                             let mut spent = Duration::ZERO;
@@ -226,8 +233,8 @@ fn advance(world: &mut World, moves: Moves) {
     }
 }
 
-/// Meshes over two kilometers about the camera.
-fn wide_app(count: usize, shadows: impl Bundle) -> App {
+/// Meshes over two kilometers about cameras, and as many suns.
+fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
     let mut app = server_app(AssetPlugin::default());
     app.finish();
     app.cleanup();
@@ -236,27 +243,32 @@ fn wide_app(count: usize, shadows: impl Bundle) -> App {
         physical_size: UVec2::new(1920, 1080),
         ..default()
     };
-    world.spawn((
-        Camera3d::default(),
-        Camera {
-            viewport: Some(viewport),
-            ..default()
-        },
-        Transform::from_xyz(0.0, 20.0, 0.0),
-    ));
-    world.spawn((
-        DirectionalLight {
-            shadow_maps_enabled: true,
-            ..default()
-        },
-        CascadeShadowConfigBuilder {
-            maximum_distance: 500.0,
-            ..default()
-        }
-        .build(),
-        Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.2), Vec3::Y),
-        shadows,
-    ));
+    for view in 0..views {
+        let side = 1.0 - 2.0 * view as f32;
+        let eye = Transform::from_xyz(0.0, 20.0, 0.0);
+        world.spawn((
+            Camera3d::default(),
+            Camera {
+                viewport: Some(viewport.clone()),
+                order: view as isize,
+                ..default()
+            },
+            eye.looking_to(Vec3::NEG_Z * side, Vec3::Y),
+        ));
+        world.spawn((
+            DirectionalLight {
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            CascadeShadowConfigBuilder {
+                maximum_distance: 500.0,
+                ..default()
+            }
+            .build(),
+            Transform::default().looking_to(Vec3::new(side, -1.0, 0.2), Vec3::Y),
+            shadows.clone(),
+        ));
+    }
     let side = (count as f32).sqrt().ceil();
     world.spawn_batch((0..count).map(move |i| {
         let (row, column) = ((i as f32 / side).floor(), i as f32 % side);

@@ -16,9 +16,6 @@ use crate::study::{
 
 /// Texels per side of all maps: several, for edges fall on texels by chance.
 const MAP_SIZES: [u32; 4] = [1024, 1008, 992, 976];
-/// Where shadows end (meters).
-const FAR: f32 = 150.0;
-
 /// Bevy's filters, and how far they read (texels).
 const FILTERS: [(ShadowFilteringMethod, f64); 3] = [
     (ShadowFilteringMethod::Hardware2x2, 1.0),
@@ -34,20 +31,28 @@ const DEPTH_BIASES: [f32; 6] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5];
 const TIMED_FRAMES: usize = 9;
 const TURNS: usize = 3;
 
-/// Bevy's, as they come.
-fn stock(map_size: u32) -> Stock {
+/// Bevy's, as they come, but for the range.
+fn stock(case: Case, map_size: u32) -> Stock {
+    let [near, far] = case.range();
     let config = ParallelSplitShadows {
-        far: FAR,
+        near,
+        far,
         ..default()
     };
-    Stock::new(map_size, &config)
+    let stock = Stock::new(map_size, &config);
+    Stock {
+        first_far: stock.first_far.min(far / 15.0),
+        ..stock
+    }
 }
 
 /// The same cascades for the plugin.
-fn config(map_size: u32) -> ParallelSplitShadows {
-    let bounds = stock(map_size).cascades().bounds;
+fn config(case: Case, map_size: u32) -> ParallelSplitShadows {
+    let [near, far] = case.range();
+    let bounds = stock(case, map_size).cascades().bounds;
     ParallelSplitShadows {
-        far: FAR,
+        near,
+        far,
         splits: SplitScheme::Manual(bounds[..3].to_vec()),
         map_size: MapSize::Same(map_size),
         ..default()
@@ -55,8 +60,8 @@ fn config(map_size: u32) -> ParallelSplitShadows {
 }
 
 /// The same with the least bias that planes need, and none for walls and bends.
-fn plane_alone(map_size: u32) -> ParallelSplitShadows {
-    let mut config = config(map_size);
+fn plane_alone(case: Case, map_size: u32) -> ParallelSplitShadows {
+    let mut config = config(case, map_size);
     config.comparison.bias = ShadowBias::ReceiverPlane { meters: 0.0 };
     config
 }
@@ -121,9 +126,9 @@ fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
             studio.world().entity_mut(camera).insert(filter);
             let mut mean =
                 |setting: &dyn Fn(u32) -> Setting| mean_faults(&mut studio, &view, setting, reach);
-            let ours = mean(&|size| Setting::pssm("", config(size)));
-            let plane = mean(&|size| Setting::pssm("", plane_alone(size)));
-            let defaults = mean(&|size| Setting::bevy("", stock(size)));
+            let ours = mean(&|size| Setting::pssm("", config(case, size)));
+            let plane = mean(&|size| Setting::pssm("", plane_alone(case, size)));
+            let defaults = mean(&|size| Setting::bevy("", stock(case, size)));
             let mut best: Option<(BiasFaults, f32, f32)> = None;
             let normal_biases = if quick {
                 &NORMAL_BIASES[..1]
@@ -136,11 +141,12 @@ fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
                 &DEPTH_BIASES
             };
             for &normal_bias in normal_biases {
-                for &depth_bias in depth_biases {
+                for depth_bias in depth_biases {
+                    let depth_bias = depth_bias * case.range()[1] / Case::Waves.range()[1];
                     let tried = Stock {
                         normal_bias,
                         depth_bias,
-                        ..stock(MAP_SIZES[0])
+                        ..stock(case, MAP_SIZES[0])
                     };
                     let found = faults(&mut studio, &view, &Setting::bevy("", tried), reach);
                     let key = |faults: &BiasFaults| (faults.stain_pct, faults.leak_pct);
@@ -156,7 +162,7 @@ fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
                 let biases = Stock {
                     normal_bias,
                     depth_bias,
-                    ..stock(size)
+                    ..stock(case, size)
                 };
                 Setting::bevy("", biases)
             };
@@ -203,8 +209,8 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
                 let camera = studio.camera;
                 studio.world().entity_mut(camera).insert(filter);
             }
-            studio.apply(&Setting::pssm("", config(MAP_SIZES[0])));
-            bevys.apply(&Setting::bevy("", stock(MAP_SIZES[0])));
+            studio.apply(&Setting::pssm("", config(cases[0], MAP_SIZES[0])));
+            bevys.apply(&Setting::bevy("", stock(cases[0], MAP_SIZES[0])));
             *ratio = quotient(|own| times(if own { &mut *studio } else { &mut *bevys }));
         }
         let _ = writeln!(text, "| {filter:?} | {:.2} | {:.2} |", ratios[0], ratios[1]);
@@ -219,7 +225,7 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
             .insert(ShadowFilteringMethod::Gaussian);
     }
     let with = |change: &dyn Fn(&mut ParallelSplitShadows)| {
-        let mut config = config(MAP_SIZES[0]);
+        let mut config = config(cases[0], MAP_SIZES[0]);
         change(&mut config);
         config
     };
@@ -262,7 +268,7 @@ fn costs(done: &mut impl FnMut(&str)) -> String {
             ratio(
                 studio,
                 &Setting::pssm("", other.clone()),
-                &Setting::pssm("", config(MAP_SIZES[0])),
+                &Setting::pssm("", config(cases[0], MAP_SIZES[0])),
             )
         });
         let _ = writeln!(text, "| {name} | {:.2} | {:.2} |", ratios[0], ratios[1]);

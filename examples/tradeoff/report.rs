@@ -200,7 +200,8 @@ fn write_suns(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Erro
     }
     text.push_str(
         "While the sun moves: points whose answer changes though their truth does not, in percent per \
-         second · wrong among them (percent) · maps drawn in a second.\n\n| setting |",
+         second · wrong among them (percent) · how far true and found edges lie apart (pixels, 95th \
+         percentile) · maps drawn in a second.\n\n| setting |",
     );
     let first = &scene.suns[0].setting;
     let intervals = scene.suns.iter().take_while(|row| row.setting == *first);
@@ -216,8 +217,8 @@ fn write_suns(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Erro
         for row in rows {
             write!(
                 text,
-                " {:.3} · {:.2} · {:.0} |",
-                row.changed_pct_per_second, row.wrong_pct, row.maps_per_second
+                " {:.3} · {:.2} · {:.1} · {:.1} |",
+                row.changed_pct_per_second, row.wrong_pct, row.edge_px_p95, row.maps_per_second
             )?;
         }
         text.push('\n');

@@ -8,10 +8,26 @@ use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 ///
 /// Faces that look away from the light bound the volume as they are; faces that look towards it
 /// are dropped; every edge between the two kinds gives a plane parallel to the light.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CasterHull {
     /// The bounding planes.
     pub planes: Vec<HalfSpace>,
+    /// A sphere that holds the body: no hull reaches farther than it does on its way to the light.
+    center: DVec3,
+    radius: f64,
+    to_light: DVec3,
+}
+
+impl Default for CasterHull {
+    /// Everywhere.
+    fn default() -> Self {
+        Self {
+            planes: Vec::new(),
+            center: DVec3::ZERO,
+            radius: f64::INFINITY,
+            to_light: DVec3::ZERO,
+        }
+    }
 }
 
 impl CasterHull {
@@ -65,7 +81,14 @@ impl CasterHull {
                 normal
             });
         }
-        Self { planes }
+        let corners = body.corners.iter();
+        let radius = corners.fold(0.0, |radius, corner| inside.distance(*corner).max(radius));
+        Self {
+            planes,
+            center: inside,
+            radius: radius + margin,
+            to_light,
+        }
     }
 
     /// The hull of the body on its way along a vector in world space (meters): conservative, as it
@@ -74,6 +97,7 @@ impl CasterHull {
         for plane in &mut self.planes {
             plane.distance += plane.normal.dot(along).max(0.0);
         }
+        self.radius += along.length();
         self
     }
 
@@ -86,6 +110,19 @@ impl CasterHull {
         self.planes
             .iter()
             .all(|plane| farthest(plane) + margin <= plane.distance)
+            && body
+                .corners
+                .iter()
+                .all(|corner| !self.is_far(*corner, -margin))
+    }
+
+    /// Whether a sphere lies beyond the sphere that holds the body, wherever that is on its way to the light.
+    fn is_far(&self, center: DVec3, radius: f64) -> bool {
+        const ROUNDING: f64 = 1e-12;
+        let offset = center - self.center;
+        let along = offset.dot(self.to_light).max(0.0);
+        let reach = (self.radius + radius).max(0.0);
+        offset.length_squared() * (1.0 - ROUNDING) - along * along > reach * reach
     }
 
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
@@ -99,10 +136,11 @@ impl CasterHull {
     /// As [`CasterHull::intersects_box`], for a sphere in world space: worth asking first, as most
     /// casters are far off.
     pub fn intersects_sphere(&self, center: DVec3, radius: f64) -> bool {
-        !self
-            .planes
-            .iter()
-            .any(|plane| plane.normal.dot(center) - radius > plane.distance)
+        !self.is_far(center, radius)
+            && !self
+                .planes
+                .iter()
+                .any(|plane| plane.normal.dot(center) - radius > plane.distance)
     }
 }
 

@@ -78,7 +78,6 @@ impl Turn {
         let config = inputs.config;
         // Suns that move have turns of their own, and those that jump, or worlds that are moved, cannot wait.
         let can_wait = redraw != Redraw::Light
-            && config.comparison.updates == MapUpdates::WhenNeeded
             // Another side's map may have taken its place.
             && config.fit != CascadeFit::Faces;
         let is_anothers = self.is_taken || self.reserved.is_some_and(|it| it != index);

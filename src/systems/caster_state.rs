@@ -11,7 +11,7 @@ use bevy::{
         },
     },
     ecs::{
-        change_detection::{DetectChanges, DetectChangesMut, Ref},
+        change_detection::{ContiguousRef, DetectChanges, DetectChangesMut, Ref, Tick},
         component::Component,
         entity::{Entity, EntityHashSet},
         query::{Has, Or, QueryData, With},
@@ -59,8 +59,6 @@ pub enum CasterRecord {
     /// It is not there, or hidden.
     #[default]
     Nothing,
-    /// Too much has changed at once to note it all.
-    Unknown,
     Known(CasterState),
 }
 
@@ -81,15 +79,11 @@ pub struct CasterState {
     ranges: u32,
 }
 
-/// More changed casters than this are not told apart: most maps hold some.
-pub const MOST: usize = 4096;
-
 impl CasterRecord {
     /// Where it casts from, if it does; `Some(None)` for anywhere.
     pub fn caster(&self) -> Option<Option<OrientedBox>> {
         match self {
             Self::Nothing => None,
-            Self::Unknown => Some(None),
             Self::Known(state) => state.casts.then(|| {
                 let (aabb, margin) = state.bounds.as_ref()?;
                 Some(world_bounds(aabb, &state.transform, *margin))
@@ -113,25 +107,132 @@ impl CasterRecord {
 }
 
 #[derive(QueryData)]
-#[query_data(mutable)]
+#[query_data(mutable, contiguous(immutable))]
 pub struct ChangingCaster {
-    entity: Entity,
+    pub entity: Entity,
     pub record: &'static mut CasterRecord,
-    transform: &'static GlobalTransform,
-    inherited: &'static InheritedVisibility,
-    aabb: Option<&'static Aabb>,
-    margin: Option<&'static BoundsMargin>,
-    layers: Option<&'static RenderLayers>,
+    transform: Ref<'static, GlobalTransform>,
+    inherited: Ref<'static, InheritedVisibility>,
+    mesh: Ref<'static, Mesh3d>,
+    aabb: Option<Ref<'static, Aabb>>,
+    margin: Option<Ref<'static, BoundsMargin>>,
+    layers: Option<Ref<'static, RenderLayers>>,
     updates: Option<Ref<'static, ShadowUpdates>>,
-    mesh: &'static Mesh3d,
     skin: Option<Ref<'static, SkinnedMesh>>,
     morph: Option<Ref<'static, MeshMorphWeights>>,
-    is_unculled: Has<NoFrustumCulling>,
-    is_gpu_culled: Has<NoCpuCulling>,
-    casts_none: Has<NotShadowCaster>,
-    receives_none: Has<NotShadowReceiver>,
-    has_no_auto_aabb: Has<NoAutoAabb>,
+    unculled: Option<Ref<'static, NoFrustumCulling>>,
+    gpu_culled: Option<Ref<'static, NoCpuCulling>>,
+    no_caster: Option<Ref<'static, NotShadowCaster>>,
+    no_receiver: Option<Ref<'static, NotShadowReceiver>>,
+    no_auto_aabb: Option<Ref<'static, NoAutoAabb>>,
     has_range: Has<VisibilityRange>,
+}
+
+/// Rows that are looked over together: those of a mask.
+const ROWS: usize = 64;
+
+impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
+    /// The meshes that may have changed: whatever of theirs has been written since the system last ran, or changes by
+    /// something else.
+    pub fn suspects(&self, suspects: &mut Vec<Entity>) {
+        let changes_unwritten =
+            self.has_range || self.updates.is_some() || self.skin.is_some() || self.morph.is_some();
+        if changes_unwritten {
+            suspects.extend(self.entity);
+            return;
+        }
+        fn ticks<'a, T>(column: &Option<ContiguousRef<'a, T>>) -> Option<&'a [Tick]> {
+            Some(column.as_ref()?.changed_ticks_slice())
+        }
+        let columns = [
+            Some(self.transform.changed_ticks_slice()),
+            Some(self.inherited.changed_ticks_slice()),
+            Some(self.mesh.changed_ticks_slice()),
+            ticks(&self.aabb),
+            ticks(&self.margin),
+            ticks(&self.layers),
+            ticks(&self.unculled),
+            ticks(&self.gpu_culled),
+            ticks(&self.no_caster),
+            ticks(&self.no_receiver),
+            ticks(&self.no_auto_aabb),
+        ];
+        let columns = || columns.iter().flatten();
+        let [last_run, this_run] = [
+            self.transform.last_run_tick(),
+            self.transform.this_run_tick(),
+        ];
+        for first in (0..self.entity.len()).step_by(ROWS) {
+            let rows = first..self.entity.len().min(first + ROWS);
+            let mut written = columns()
+                .map(|ticks| &ticks[rows.clone()])
+                .filter(|ticks| any_newer(ticks, last_run, this_run))
+                .fold(0, |rows, ticks| rows | newer(ticks, last_run, this_run));
+            while written != 0 {
+                suspects.push(self.entity[first + written.trailing_zeros() as usize]);
+                written &= written - 1;
+            }
+        }
+    }
+}
+
+/// Without branches, for several at a time.
+fn any_newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> bool {
+    let age = |tick: Tick| this_run.get().wrapping_sub(tick.get());
+    let oldest = age(last_run);
+    ticks
+        .iter()
+        .fold(false, |any, tick| any | (age(*tick) < oldest))
+}
+
+/// A bit for each of at most 64.
+fn newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> u64 {
+    let ticks = ticks.iter().enumerate();
+    let newer = ticks.filter(|(_, tick)| tick.is_newer_than(last_run, this_run));
+    newer.fold(0, |rows, (row, _)| rows | (1 << row))
+}
+
+impl ChangingCasterItem<'_, '_> {
+    fn state(&self, surroundings: &Surroundings, displaced: &EntityHashSet) -> CasterRecord {
+        if !self.inherited.get() {
+            return CasterRecord::Nothing;
+        }
+        let margin = Margin::of(self.entity, self.margin.as_deref(), displaced);
+        let bounds = self.aabb.as_deref().map(|aabb| (*aabb, margin));
+        CasterRecord::Known(CasterState {
+            casts: self.no_caster.is_none(),
+            receives: self.no_receiver.is_none(),
+            has_no_auto_aabb: self.no_auto_aabb.is_some(),
+            transform: self.transform.affine(),
+            bounds: bounds.filter(|_| self.unculled.is_none()),
+            is_gpu_culled: self.gpu_culled.is_some(),
+            mesh: self.mesh.id(),
+            is_skinned: self.skin.is_some(),
+            is_morphed: self.morph.is_some(),
+            layers: self.layers.as_deref().cloned().unwrap_or_default(),
+            ranges: surroundings.ranges(self),
+        })
+    }
+
+    fn updates(&self) -> ShadowUpdates {
+        self.updates.as_deref().copied().unwrap_or_default()
+    }
+
+    /// Whether it counts as moving though it may be the same.
+    fn is_restless(&self, surroundings: &Surroundings, displaced: &EntityHashSet) -> bool {
+        match self.updates() {
+            ShadowUpdates::Automatic => {
+                displaced.contains(&self.entity) || surroundings.may_have_changed(self)
+            }
+            ShadowUpdates::Always => true,
+            ShadowUpdates::Never => false,
+        }
+    }
+
+    /// Whether it can be drawn over maps of what rests.
+    fn can_move(&self, state: &CasterRecord) -> bool {
+        self.gpu_culled.is_none() && state.caster().is_some()
+    }
 }
 
 /// What casters depend on beside their own components.
@@ -159,7 +260,7 @@ impl Surroundings<'_, '_> {
             weights.is_changed() || referred.is_some_and(|weights| weights.is_changed())
         });
         // Its level of detail is chosen on the GPU.
-        let may_switch = it.has_range && it.is_gpu_culled;
+        let may_switch = it.has_range && it.gpu_culled.is_some();
         let is_switched = may_switch && self.cameras.iter().any(has_moved);
         is_bent || is_morphed || is_switched
     }
@@ -175,7 +276,7 @@ impl Surroundings<'_, '_> {
     }
 }
 
-/// What has been found of a thread's share of meshes.
+/// What has been found of meshes.
 #[derive(Default)]
 pub struct Found {
     /// Where casters were and are; `None` for anywhere.
@@ -188,44 +289,17 @@ pub struct Found {
 }
 
 impl Found {
-    /// Compares a mesh with what it was. `known_moving` have been found moving before: no map of what rests
-    /// holds them.
+    /// Compares a mesh with what it was, and says whether it is the same. `known_moving` have been found moving before:
+    /// no map of what rests holds them.
     pub fn compare(
         &mut self,
         it: &mut ChangingCasterItem,
         surroundings: &Surroundings,
         displaced: &EntityHashSet,
         known_moving: &MovingCasters,
-    ) {
-        if self.casters.len() > MOST {
-            self.has_receiver = true;
-            *it.record.bypass_change_detection() = CasterRecord::Unknown;
-            return;
-        }
-        let margin = Margin::of(it.entity, it.margin, displaced);
-        let bounds = it.aabb.map(|aabb| (*aabb, margin));
-        let state = CasterState {
-            casts: !it.casts_none,
-            receives: !it.receives_none,
-            has_no_auto_aabb: it.has_no_auto_aabb,
-            transform: it.transform.affine(),
-            bounds: bounds.filter(|_| !it.is_unculled),
-            is_gpu_culled: it.is_gpu_culled,
-            mesh: it.mesh.id(),
-            is_skinned: it.skin.is_some(),
-            is_morphed: it.morph.is_some(),
-            layers: it.layers.cloned().unwrap_or_default(),
-            ranges: surroundings.ranges(it),
-        };
-        let state = if it.inherited.get() {
-            CasterRecord::Known(state)
-        } else {
-            CasterRecord::Nothing
-        };
-        let updates = it
-            .updates
-            .as_ref()
-            .map_or_else(ShadowUpdates::default, |it| **it);
+    ) -> bool {
+        let state = it.state(surroundings, displaced);
+        let updates = it.updates();
         let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
         if has_new_updates {
             match updates {
@@ -234,30 +308,38 @@ impl Found {
                 ShadowUpdates::Automatic | ShadowUpdates::Always => self.casters.push(None),
             }
         }
-        let is_restless = match updates {
-            ShadowUpdates::Automatic => {
-                displaced.contains(&it.entity) || surroundings.may_have_changed(it)
-            }
-            ShadowUpdates::Always => true,
-            ShadowUpdates::Never => false,
-        };
-        let record = it.record.bypass_change_detection();
-        let is_same = *record == state;
+        let is_restless = it.is_restless(surroundings, displaced);
+        let is_same = *it.record == state;
         self.has_receiver |= !is_same;
         if is_restless || !is_same && updates != ShadowUpdates::Never {
-            let moves = is_restless || record.differs_by_place(&state);
-            if moves && !it.is_gpu_culled && state.caster().is_some() {
+            let moves = is_restless || it.record.differs_by_place(&state);
+            if moves && it.can_move(&state) {
                 self.moving.push(it.entity);
             }
-            if !known_moving.contains(it.entity) || it.is_gpu_culled {
+            if !known_moving.contains(it.entity) || it.gpu_culled.is_some() {
                 self.casters.extend(state.caster());
                 if !is_same {
-                    self.casters.extend(record.caster());
+                    self.casters.extend(it.record.caster());
                 }
             }
         }
         if !is_same {
-            *record = state;
+            *it.record.bypass_change_detection() = state;
         }
+        is_same
+    }
+
+    /// Notes a mesh, whatever it was.
+    pub fn note(
+        &mut self,
+        it: &mut ChangingCasterItem,
+        surroundings: &Surroundings,
+        displaced: &EntityHashSet,
+    ) {
+        let state = it.state(surroundings, displaced);
+        if it.is_restless(surroundings, displaced) && it.can_move(&state) {
+            self.moving.push(it.entity);
+        }
+        *it.record.bypass_change_detection() = state;
     }
 }

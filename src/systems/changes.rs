@@ -4,10 +4,7 @@ use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     camera::{
         primitives::Aabb,
-        visibility::{
-            InheritedVisibility, NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers,
-            VisibilityRange,
-        },
+        visibility::{NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers, VisibilityRange},
     },
     ecs::{
         entity::Entity,
@@ -15,9 +12,9 @@ use bevy::{
         lifecycle::{Add, Remove, RemovedComponents},
         message::MessageReader,
         observer::On,
-        query::{Added, Changed, Or, With, Without},
+        query::{With, Without},
         resource::Resource,
-        system::{Commands, Local, ParamSet, Query, Res, ResMut, SystemParam},
+        system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
     image::Image,
     light::{NotShadowCaster, NotShadowReceiver},
@@ -25,14 +22,13 @@ use bevy::{
     mesh::{Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
     pbr::StandardMaterial,
     platform::collections::HashSet,
-    transform::components::GlobalTransform,
     utils::Parallel,
 };
 
 use super::{
     ManagedLight,
     bounds::BoundsMargin,
-    caster_state::{CasterRecord, ChangingCaster, Found, MOST, ShadowUpdates, Surroundings},
+    caster_state::{CasterRecord, ChangingCaster, Found, ShadowUpdates, Surroundings},
     moving::MovingCasters,
 };
 use crate::plan::CasterChanges;
@@ -50,6 +46,10 @@ pub struct ChangedCasters {
     has_receiver_gone: bool,
     /// Whether an image that masks casters has changed since then.
     has_new_mask: bool,
+    /// Meshes that have been without a record until then.
+    late: Vec<Entity>,
+    /// Whether meshes may have changed since their records were made.
+    are_records_old: bool,
 }
 
 impl ChangedCasters {
@@ -67,6 +67,13 @@ impl ChangedCasters {
         self.have_receivers_changed
     }
 
+    /// Takes it that everything has changed.
+    fn forget(&mut self) {
+        self.moving.clear();
+        self.changes = CasterChanges::Anywhere;
+        self.have_receivers_changed = true;
+    }
+
     fn note_removed(&mut self, caster: Entity, record: &mut CasterRecord) {
         let record = core::mem::take(record);
         self.has_receiver_gone = true;
@@ -76,68 +83,47 @@ impl ChangedCasters {
     }
 }
 
-/// What may have changed: all that has been written, and what changes by something else.
-type MayHaveChanged = (
-    With<Mesh3d>,
-    Or<(
-        Changed<GlobalTransform>,
-        Changed<InheritedVisibility>,
-        Changed<Mesh3d>,
-        Changed<Aabb>,
-        Changed<BoundsMargin>,
-        Changed<RenderLayers>,
-        Added<NoFrustumCulling>,
-        Added<NotShadowCaster>,
-        Added<NotShadowReceiver>,
-        Added<NoAutoAabb>,
-        Or<(
-            Added<CasterRecord>,
-            Added<NoCpuCulling>,
-            With<ShadowUpdates>,
-            With<VisibilityRange>,
-            With<SkinnedMesh>,
-            With<MeshMorphWeights>,
-        )>,
-    )>,
-);
+/// More changed casters than this are not told apart: most maps hold some.
+const MOST: usize = 4096;
+
+/// If more meshes than this are written to in a frame in which too many had changed before, a few of them tell whether
+/// they still do.
+const MANY: usize = 2 * MOST;
+const FEW: usize = 256;
 
 /// Finds the meshes that have changed since the last frame.
 pub fn find_changes(
     mut commands: Commands,
-    mut meshes: ParamSet<(
-        Query<ChangingCaster, MayHaveChanged>,
-        Query<ChangingCaster, With<Mesh3d>>,
-    )>,
+    mut meshes: Query<ChangingCaster>,
     surroundings: Surroundings,
     unknown: Query<Entity, (With<Mesh3d>, Without<CasterRecord>)>,
     lights: Query<(), With<ManagedLight>>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
-    mut was_idle: Local<bool>,
-    mut local: Local<Parallel<Found>>,
+    mut local: Local<Parallel<(Vec<Entity>, Found)>>,
 ) {
     if lights.is_empty() {
         lost.clear();
         changed.removed.clear();
-        changed.moving.clear();
-        changed.changes = CasterChanges::Anywhere;
-        changed.have_receivers_changed = true;
-        *was_idle = true;
+        changed.are_records_old = true;
+        changed.forget();
         return;
     }
     let changed = &mut *changed;
     let displaced = surroundings.displaced.get();
-    if core::mem::take(&mut *was_idle) {
-        // Nobody has looked at them in the meantime.
-        meshes.p1().par_iter_mut().for_each_init(
+    let mut suspects = core::mem::take(&mut changed.late);
+    if let Ok(tables) = meshes.contiguous_par_iter() {
+        tables.for_each_init(
             || local.borrow_local_mut(),
-            |found, mut it| found.compare(&mut it, &surroundings, &displaced, &changed.moving),
+            |found, table| table.suspects(&mut found.0),
         );
+        for (found, _) in local.iter_mut() {
+            suspects.append(found);
+        }
+    } else {
+        // Never with components as Bevy stores them.
+        suspects.extend(meshes.iter().map(|it| it.entity));
     }
-    meshes.p0().par_iter_mut().for_each_init(
-        || local.borrow_local_mut(),
-        |found, mut it| found.compare(&mut it, &surroundings, &displaced, &changed.moving),
-    );
     let mut found = Found {
         has_receiver: core::mem::take(&mut changed.has_receiver_gone),
         ..Found::default()
@@ -146,29 +132,57 @@ pub fn find_changes(
     found
         .casters
         .extend(removed.filter_map(|record| record.caster()));
-    for of_thread in local.iter_mut() {
-        found.casters.append(&mut of_thread.casters);
-        found.moving.append(&mut of_thread.moving);
-        found.resting.append(&mut of_thread.resting);
-        found.has_receiver |= core::mem::take(&mut of_thread.has_receiver);
-    }
-    let mut all = meshes.p1();
-    if lost.updates.read().count() > 0 {
+    if lost.updates.read().count() > 0 || core::mem::take(&mut changed.has_new_mask) {
         found.casters.push(None);
     }
-    let entities = lost.read().into_iter().chain(displaced.iter().copied());
-    for entity in entities {
-        if let Ok(mut it) = all.get_mut(entity) {
-            found.compare(&mut it, &surroundings, &displaced, &changed.moving);
-        }
-    }
-    if core::mem::take(&mut changed.has_new_mask) {
-        found.casters.push(None);
-    }
+    let with_lost = lost.read();
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
         commands.entity(entity).try_insert(CasterRecord::default());
+        changed.late.push(entity);
+    }
+
+    if changed.are_records_old {
+        let mut few = suspects.iter().take(FEW);
+        let still_changes = suspects.len() > MANY
+            && few.any(|entity| {
+                let it = meshes.get_mut(*entity);
+                it.is_ok_and(|mut it| {
+                    !found.compare(&mut it, &surroundings, &displaced, &changed.moving)
+                })
+            });
+        changed.forget();
+        if still_changes {
+            return;
+        }
+        meshes.par_iter_mut().for_each_init(
+            || local.borrow_local_mut(),
+            |found, mut it| found.1.note(&mut it, &surroundings, &displaced),
+        );
+        let moving = local
+            .iter_mut()
+            .flat_map(|(_, found)| found.moving.drain(..));
+        let moving: Vec<Entity> = moving.collect();
+        if moving.len() <= MOST {
+            changed.moving.update(moving);
+        }
+        changed.are_records_old = false;
+        return;
+    }
+
+    suspects.extend(with_lost);
+    suspects.extend(displaced.iter());
+    for entity in suspects {
+        if let Ok(mut it) = meshes.get_mut(entity) {
+            found.compare(&mut it, &surroundings, &displaced, &changed.moving);
+        }
+        // What begins to move is in both places.
+        if found.moving.len() > MOST || found.casters.len() > 4 * MOST {
+            changed.are_records_old = true;
+            changed.forget();
+            return;
+        }
     }
     changed.have_receivers_changed = found.has_receiver;
     let stopped = found.resting.into_iter();
@@ -179,7 +193,7 @@ pub fn find_changes(
         changed.moving.clear();
     }
     let resting = resting.into_iter().chain(stopped);
-    let resting = resting.filter_map(|caster| all.get(caster).ok()?.record.caster());
+    let resting = resting.filter_map(|caster| meshes.get(caster).ok()?.record.caster());
     let casters = found.casters.into_iter().chain(resting);
     let bounds: Option<Vec<_>> = casters.filter(|_| !too_many).collect();
     changed.changes = match bounds {

@@ -18,18 +18,19 @@ pub fn perspective(fov: f32, aspect_ratio: f32) -> Projection {
 }
 
 pub fn volume(projection: &Projection, eye: Vec3, turn: Quat) -> ViewVolume {
-    volume_through(&projection.get_clip_from_view(), eye, turn)
+    volume_through(&projection.get_clip_from_view(), eye, turn, 1.0)
 }
 
-/// By any matrix, of Bevy's kind.
-pub fn volume_through(clip_from_view: &Mat4, eye: Vec3, turn: Quat) -> ViewVolume {
+/// By any matrix, of Bevy's kind, of a camera of any scale.
+pub fn volume_through(clip_from_view: &Mat4, eye: Vec3, turn: Quat, scale: f32) -> ViewVolume {
     // As a game has it: positions and rotations in f32.
     let rotation = bevy::math::Affine3A::from_rotation_translation(turn, eye);
+    let axes = rotation.matrix3 * scale;
     let world_from_view = DAffine3 {
         matrix3: bevy::math::DMat3::from_cols(
-            rotation.matrix3.x_axis.as_dvec3(),
-            rotation.matrix3.y_axis.as_dvec3(),
-            rotation.matrix3.z_axis.as_dvec3(),
+            axes.x_axis.as_dvec3(),
+            axes.y_axis.as_dvec3(),
+            axes.z_axis.as_dvec3(),
         ),
         translation: rotation.translation.as_dvec3(),
     };

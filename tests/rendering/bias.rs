@@ -227,7 +227,13 @@ fn check(case: Case, most: Most) {
     let is_seen = |variation: &Variation| {
         case != Case::Roofs || variation.config.map_size != MapSize::Same(256)
     };
-    for variation in variations().into_iter().filter(is_seen) {
+    for mut variation in variations().into_iter().filter(is_seen) {
+        let [near, far] = case.range();
+        variation.config = ParallelSplitShadows {
+            near,
+            far,
+            ..variation.config
+        };
         let name = format!("{case:?}_{}", variation.name);
         failures += &judge(&mut studio, &view, &variation, &name, most);
     }
@@ -323,6 +329,17 @@ fn ridges() {
         Most {
             stain: 0.1,
             leak: 11.0,
+        },
+    );
+}
+
+#[test]
+fn kilometers() {
+    check(
+        Case::Kilometers,
+        Most {
+            stain: 0.0,
+            leak: 5.0,
         },
     );
 }

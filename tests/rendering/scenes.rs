@@ -14,7 +14,7 @@ use bevy::{
     pbr::DistanceFog,
     prelude::*,
 };
-use bevy_pssm::prelude::*;
+use bevy_pssm::{ShadowPlans, prelude::*};
 use image::RgbaImage;
 
 use crate::{
@@ -38,8 +38,14 @@ const PAPER: [(&str, usize, f64, f32); 4] = [
     ("mining_terrain", 55, 1.3e6, 2.56e6),
 ];
 
+/// Of pictures that are compared to the bit (pixels).
+const SMALL: UVec2 = UVec2::new(128, 96);
 /// Random poses and suns per scene.
 const POSES: usize = 50;
+/// Of those, so many are walked from unless `PSSM_HOLD_POSES` says otherwise.
+const WALKS: usize = 6;
+/// Frames of each walk.
+const STEPS: usize = 6;
 
 /// A scene with nothing between light and picture: no tone mapping, no haze.
 fn plain_stage(name: &str, size: UVec2) -> SceneStage {
@@ -137,7 +143,7 @@ fn drawn_by_hull_and_box(stage: &mut SceneStage) -> [usize; 2] {
 
 fn check_culling(name: &str) {
     let _turn = take_turn();
-    let mut stage = plain_stage(name, UVec2::new(128, 96));
+    let mut stage = plain_stage(name, SMALL);
     stage.configure(|shadows| shadows.map_size = MapSize::Same(512));
     stage.headless.settle();
     let mut random = Stream::new(7);
@@ -179,6 +185,54 @@ fn check_culling(name: &str) {
         shadowed >= 2,
         "{name}: only {shadowed} of 5 pictures show shadows"
     );
+}
+
+/// Pictures of walks from random poses, of which maps are drawn in how many frames.
+fn walks(stage: &mut SceneStage, updates: MapUpdates, poses: usize) -> (Vec<RgbaImage>, usize) {
+    let (camera, sun) = (stage.camera, stage.sun);
+    stage.configure(|shadows| shadows.comparison.updates = updates);
+    stage.headless.settle();
+    let mut random = Stream::new(11);
+    let mut pictures = Vec::new();
+    let mut drawn = 0;
+    for _ in 0..poses {
+        let (mut place, light) = (random_place(stage, &mut random), random_sun(&mut random));
+        stage.world().entity_mut(sun).insert(light);
+        for _ in 0..STEPS {
+            place.translation += 0.15 * *place.forward();
+            place.rotate_y(0.01);
+            stage.stand_at(place);
+            stage.headless.step();
+            let picture = RgbaImage::from_raw(SMALL.x, SMALL.y, stage.headless.read_back());
+            pictures.push(picture.expect("a picture"));
+            let plans = stage.world().get::<ShadowPlans>(sun).expect("a sun");
+            let maps = plans.views[&camera]
+                .iter()
+                .filter_map(|plan| plan.map.as_ref());
+            drawn += maps.filter(|map| map.redraw.is_some()).count();
+        }
+    }
+    (pictures, drawn)
+}
+
+/// Where nothing but the camera moves, what is held is what would be drawn.
+#[test]
+fn held_pictures_of_all_scenes_are_those_of_maps_drawn_anew() {
+    let _turn = take_turn();
+    let poses = std::env::var("PSSM_HOLD_POSES").ok();
+    let poses = poses.map_or(WALKS, |poses| poses.parse().expect("a number"));
+    for name in SCENES {
+        let mut stage = plain_stage(name, SMALL);
+        stage.configure(|shadows| shadows.map_size = MapSize::Same(512));
+        let (anew, every) = walks(&mut stage, MapUpdates::EveryFrame, poses);
+        let (held, needed) = walks(&mut stage, MapUpdates::WhenNeeded, poses);
+        for (frame, (held, anew)) in held.iter().zip(&anew).enumerate() {
+            if held != anew {
+                assert_identical(&format!("held_{name}_{frame}"), held, anew);
+            }
+        }
+        assert!(needed < every / 2, "{name}: {needed} of {every} maps drawn");
+    }
 }
 
 #[test]

@@ -31,6 +31,8 @@ pub enum Case {
     Roofs,
     /// Rolling ground under a sun of 3°.
     Ridges,
+    /// Mountains under a sun of 15°, in kilometers.
+    Kilometers,
     /// Smooth-shaded balls of few triangles under a low sun, from its side.
     Terminator,
     /// A slab over the ground along the view, for its shadow's edge at all depths.
@@ -39,7 +41,7 @@ pub enum Case {
 
 impl Case {
     /// Those that biases fail in.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Slopes,
         Self::Balls,
         Self::Waves,
@@ -48,7 +50,16 @@ impl Case {
         Self::Contact,
         Self::Roofs,
         Self::Ridges,
+        Self::Kilometers,
     ];
+
+    /// Where shadows begin and end (the case's units).
+    pub fn range(self) -> [f32; 2] {
+        match self {
+            Self::Kilometers => [0.05, 3.0],
+            _ => [1.0, 150.0],
+        }
+    }
 
     fn eye(self) -> Transform {
         let (eye, target) = match self {
@@ -56,6 +67,7 @@ impl Case {
             Self::Waves | Self::Ridges => (Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -25.0)),
             Self::Contact => (Vec3::new(-1.2, 1.4, 4.5), Vec3::new(-1.6, 0.2, 0.0)),
             Self::Slab => (Vec3::new(0.0, 12.0, 6.0), Vec3::new(0.0, 0.0, -40.0)),
+            Self::Kilometers => (Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.0, 0.0, -1.5)),
             Self::Terminator => (Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 0.7, -6.0)),
             Self::Balls | Self::Walls | Self::Fences | Self::Roofs => {
                 (Vec3::new(0.0, 3.0, 4.0), Vec3::new(0.0, 0.5, -6.0))
@@ -71,7 +83,7 @@ impl Case {
             Vec3::new(elevation.cos(), elevation.sin(), 0.1)
         };
         let to_sun = match self {
-            Self::Roofs | Self::Terminator => low(15.0),
+            Self::Roofs | Self::Terminator | Self::Kilometers => low(15.0),
             Self::Ridges => low(3.0),
             _ => Vec3::new(0.55, 0.65, 0.2),
         };
@@ -125,7 +137,10 @@ fn furnish(mut headless: Headless, case: Case, size: UVec2, shadows: impl Bundle
 fn build(world: &mut World, case: Case) {
     let mut scene = Scene::new(world);
     let to_sun = case.to_sun();
-    let is_ground = matches!(case, Case::Waves | Case::Ridges | Case::Roofs);
+    let is_ground = matches!(
+        case,
+        Case::Waves | Case::Ridges | Case::Roofs | Case::Kilometers
+    );
     if case != Case::Slopes && !is_ground {
         let ground = Plane3d::default().mesh().size(300.0, 300.0).build();
         scene.add(ground, Transform::default());
@@ -167,6 +182,7 @@ fn build(world: &mut World, case: Case) {
             }
         }
         Case::Waves | Case::Ridges => scene.add(waves(), Transform::default()),
+        Case::Kilometers => scene.add(mountains(), Transform::default()),
         Case::Roofs => scene.add(tiles(), Transform::default()),
         Case::Walls => {
             let wall = Cuboid::new(2.0, 1.5, 0.02).mesh().build();
@@ -262,16 +278,31 @@ impl<'w> Scene<'w> {
 
 /// Ground that rolls by a meter every 25.
 fn waves() -> Mesh {
+    terrain(160.0, |x, z| {
+        (0.25 * x).sin() * 0.5 + (0.2 * z + 0.1 * x).sin() * 0.5
+    })
+}
+
+/// Sharp ridges of up to 300 m over six kilometers.
+fn mountains() -> Mesh {
+    terrain(6.0, |x, z| {
+        let ridge = |phase: f32| 1.0 - phase.sin().abs();
+        0.2 * ridge(2.1 * x + 0.6 * z) + 0.1 * ridge(3.7 * z - 1.3 * x + 0.5)
+    })
+}
+
+/// Smooth-shaded ground about the origin, of so many units a side.
+fn terrain(side: f32, height: impl Fn(f32, f32) -> f32) -> Mesh {
     const CELLS: u32 = 160;
-    const SIDE: f32 = 160.0;
-    let height = |x: f32, z: f32| (0.25 * x).sin() * 0.5 + (0.2 * z + 0.1 * x).sin() * 0.5;
-    let at = |i: u32| (i as f32 / CELLS as f32 - 0.5) * SIDE;
+    let at = |i: u32| (i as f32 / CELLS as f32 - 0.5) * side;
+    let step = 0.01 * side / CELLS as f32;
+    let slope = |more: f32, less: f32| (more - less) / (2.0 * step);
     let mut positions = Vec::new();
     let mut normals = Vec::new();
     for (row, column) in (0..=CELLS).flat_map(|row| (0..=CELLS).map(move |column| (row, column))) {
         let (x, z) = (at(column), at(row));
-        let dx = 50.0 * (height(x + 0.01, z) - height(x - 0.01, z));
-        let dz = 50.0 * (height(x, z + 0.01) - height(x, z - 0.01));
+        let dx = slope(height(x + step, z), height(x - step, z));
+        let dz = slope(height(x, z + step), height(x, z - step));
         positions.push([x, height(x, z), z]);
         normals.push(Vec3::new(-dx, 1.0, -dz).normalize().to_array());
     }

@@ -8,6 +8,7 @@ use bevy_pssm::{ShadowPlans, prelude::*};
 use serde::Serialize;
 
 use super::{
+    accuracy::{Accuracy, Truth},
     light::Reference,
     settings::{Setting, Stock},
     studio::{Stance, Studio},
@@ -16,8 +17,10 @@ use super::{
 
 /// Frames per second.
 const RATE: f64 = 60.0;
-/// Of an interval.
+/// Pictures of an interval.
 const FRAMES: usize = 80;
+/// Those at which all of the picture is held against rays.
+const LOOKS: [usize; 3] = [10, 40, 70];
 /// Before it, for what depends on what was.
 const BEFORE: usize = 4;
 /// Of its instants, so many are traced.
@@ -34,32 +37,42 @@ pub struct Interval {
     elevation: f64,
     /// How far it goes in a second (degrees).
     speed: f64,
+    /// Frames from one picture to the next.
+    apart: usize,
 }
 
 impl Interval {
-    /// All: of days of twenty minutes, and of two.
-    pub const ALL: [Self; 4] = [
-        Self::new("12°, 0.3°/s", 12.0, 0.3),
-        Self::new("35°, 0.3°/s", 35.0, 0.3),
-        Self::new("zenith, 0.3°/s", 89.8, 0.3),
-        Self::new("35°, 3°/s", 35.0, 3.0),
+    /// All: of days of twenty minutes, of two, and of twenty-four hours.
+    pub const ALL: [Self; 5] = [
+        Self::new("12°, 0.3°/s", 12.0, 0.3, 1),
+        Self::new("35°, 0.3°/s", 35.0, 0.3, 1),
+        Self::new("zenith, 0.3°/s", 89.8, 0.3, 1),
+        Self::new("35°, 3°/s", 35.0, 3.0, 1),
+        // Half a second from picture to picture, forty in all.
+        Self::new("35°, 15°/h", 35.0, 15.0 / 3600.0, 30),
     ];
 
-    const fn new(name: &'static str, elevation: f64, speed: f64) -> Self {
+    const fn new(name: &'static str, elevation: f64, speed: f64, apart: usize) -> Self {
         Self {
             name,
             elevation,
             speed,
+            apart,
         }
     }
 
-    /// How the sun stands at a frame: it goes up over where the scene's stands.
+    fn seconds(self) -> f64 {
+        (FRAMES * self.apart) as f64 / RATE
+    }
+
+    /// How the sun stands at a picture, or on its way there: it goes up over where the scene's stands.
     fn to_sun(self, start: &Stance, frame: f64) -> DVec3 {
         let scenes = start.sun.back().as_dvec3();
         let level = (scenes * DVec3::new(1.0, 0.0, 1.0)).normalize_or(DVec3::X);
         // Not quite through the zenith.
         let level = (level + 0.02 * level.cross(DVec3::Y)).normalize();
-        let (sin, cos) = (self.elevation + self.speed * frame / RATE)
+        let seconds = frame * self.apart as f64 / RATE;
+        let (sin, cos) = (self.elevation + self.speed * seconds)
             .to_radians()
             .sin_cos();
         (level * cos + DVec3::Y * sin + 0.002 * level.cross(DVec3::Y)).normalize()
@@ -75,11 +88,13 @@ impl Interval {
 }
 
 /// A scene under a moving sun, and what is known of it before any setting is.
-struct Truth {
+struct Course {
     interval: Interval,
     reference: Reference,
     /// By pixel.
     points: Vec<(usize, Sample)>,
+    /// All of the pictures that are looked at.
+    looks: [Truth; LOOKS.len()],
 }
 
 /// One line of `suns.csv`.
@@ -95,6 +110,8 @@ pub struct SunRow {
     pub changed_pct_per_second: f64,
     /// Points whose answer is not the truth, on average over some frames (percent).
     pub wrong_pct: f64,
+    /// 95th percentile of how far true and found edges lie apart in them (pixels).
+    pub edge_px_p95: f64,
     /// Maps drawn in a second.
     pub maps_per_second: f64,
 }
@@ -136,19 +153,19 @@ impl Studio {
         mut say: impl FnMut(&str),
     ) -> Vec<SunRow> {
         say("tracing rays under moving suns");
-        let truths = Interval::ALL.map(|interval| self.truth(interval, start, tracer));
+        let courses = Interval::ALL.map(|interval| self.course(interval, start, tracer));
         let mut rows = Vec::new();
         for setting in settings {
             say(&format!("{} under moving suns", setting.name));
             self.apply(setting);
-            for truth in &truths {
-                rows.push(self.follow_sun(scene, start, setting, truth));
+            for course in &courses {
+                rows.push(self.follow_sun(scene, start, setting, course));
             }
         }
         rows
     }
 
-    fn truth(&mut self, interval: Interval, start: &Stance, tracer: &Arc<Tracer>) -> Truth {
+    fn course(&mut self, interval: Interval, start: &Stance, tracer: &Arc<Tracer>) -> Course {
         let middle = interval.stance(start, 0.5 * FRAMES as f64);
         self.place(&middle);
         let reference = self.reference();
@@ -162,10 +179,17 @@ impl Studio {
                 sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(sample, to_sun) == sample.lit
             })
         });
-        Truth {
+        let looks = LOOKS.map(|frame| {
+            let samples = tracer.picture(&lens, interval.to_sun(start, frame as f64));
+            let light = |sample: &Sample| f32::from(u8::from(sample.lit));
+            let shares = samples.iter().map(|it| it.as_ref().map(light)).collect();
+            Truth::new(lens.clone(), samples, shares)
+        });
+        Course {
             interval,
             reference,
             points,
+            looks,
         }
     }
 
@@ -174,31 +198,38 @@ impl Studio {
         scene: &str,
         start: &Stance,
         setting: &Setting,
-        truth: &Truth,
+        course: &Course,
     ) -> SunRow {
         // A held map's picture is that of one drawn anew.
         self.set_updates(MapUpdates::WhenNeeded);
         self.forget();
+        let interval = course.interval;
         let mut last: Vec<bool> = Vec::new();
-        let (mut changed, mut wrong, mut maps, mut looks) = (0, 0, 0, 0);
+        let (mut changed, mut wrong, mut maps) = (0, 0, 0);
+        let mut accuracy = Accuracy::default();
         for frame in 0..BEFORE + FRAMES {
             let at = frame as f64 - BEFORE as f64;
-            self.place(&truth.interval.stance(start, at));
+            for way in 1..interval.apart {
+                let share = way as f64 / interval.apart as f64;
+                self.pass(&interval.stance(start, at - 1.0 + share));
+                maps += usize::from(frame >= BEFORE) * self.maps_drawn();
+            }
+            self.place(&interval.stance(start, at));
             let picture = self.expose();
             if frame < BEFORE {
                 continue;
             }
             maps += self.maps_drawn();
-            let shares = truth.reference.shares(&picture);
-            let answers: Vec<bool> = truth
+            let shares = course.reference.shares(&picture);
+            let answers: Vec<bool> = course
                 .points
                 .iter()
                 .map(|(pixel, _)| shares[*pixel].is_none_or(|share| share > 0.5))
                 .collect();
             changed += last.iter().zip(&answers).filter(|(a, b)| a != b).count();
-            if frame % 30 == 0 {
-                looks += 1;
-                let points = truth.points.iter().zip(&answers);
+            if let Some(look) = LOOKS.iter().position(|look| look + BEFORE == frame) {
+                accuracy.add(&course.looks[look], &shares);
+                let points = course.points.iter().zip(&answers);
                 wrong += points
                     .filter(|((_, sample), lit)| sample.lit != **lit)
                     .count();
@@ -206,15 +237,16 @@ impl Studio {
             last = answers;
         }
         self.set_updates(MapUpdates::EveryFrame);
-        let points = truth.points.len().max(1) as f64;
-        let seconds = FRAMES as f64 / RATE;
+        let points = course.points.len().max(1) as f64;
+        let seconds = interval.seconds();
         let rounded = |value: f64| (1e4 * value).round() / 1e4;
         SunRow {
             scene: scene.to_owned(),
             setting: setting.name.clone(),
-            interval: truth.interval.name,
+            interval: interval.name,
             changed_pct_per_second: rounded(100.0 * changed as f64 / points / seconds),
-            wrong_pct: rounded(100.0 * wrong as f64 / points / f64::from(looks)),
+            wrong_pct: rounded(100.0 * wrong as f64 / points / LOOKS.len() as f64),
+            edge_px_p95: rounded(accuracy.figures().edge_px_p95),
             maps_per_second: rounded(maps as f64 / seconds),
         }
     }

@@ -211,6 +211,8 @@ pub struct Case {
     pub configs: Vec<ParallelSplitShadows>,
     pub eye: Vec3,
     pub turn: Quat,
+    /// Of the camera's axes.
+    pub scale: f32,
     pub sun: Sun,
     pub scene: Scene,
     /// Whether texel grids are anchored at the eye, or else at the world's origin.
@@ -225,6 +227,9 @@ pub struct Case {
 /// What was planned for a frame.
 pub struct Planned<'a> {
     pub case: &'a Case,
+    pub lens: Lens,
+    pub config: &'a ParallelSplitShadows,
+    pub things: &'a [Thing],
     pub view: ViewVolume,
     pub to_light: DVec3,
     pub plans: Vec<CascadePlan>,
@@ -246,7 +251,7 @@ impl Case {
 
     /// Plans frame by frame, with one history for all. How many points were seen.
     pub fn run(&self, check: impl Fn(&Planned) -> Outcome) -> Result<usize, TestCaseError> {
-        let first = volume_through(&self.lenses[0].clip_from_view(), self.eye, self.turn);
+        let first = self.volume(self.lenses[0], self.eye, self.turn);
         let things = self.things(&first);
         let light = LightFrame::new(self.sun.to_light(&first)).expect("a direction");
         let light = if self.is_anchored {
@@ -263,7 +268,7 @@ impl Case {
             prop_assert!(valid.is_ok(), "{valid:?}");
             let turn = Quat::from_rotation_y(frame.yaw) * self.turn;
             let eye = self.eye + turn * (frame.step * Vec3::NEG_Z);
-            let view = volume_through(&lens.clip_from_view(), eye, turn);
+            let view = self.volume(lens, eye, turn);
             let inputs = PlanInputs {
                 view: &view,
                 light: &light,
@@ -279,6 +284,9 @@ impl Case {
             seen += points.len();
             check(&Planned {
                 case: self,
+                lens,
+                config,
+                things: &things,
                 view,
                 to_light: light.z,
                 plans,
@@ -286,6 +294,10 @@ impl Case {
             })?;
         }
         Ok(seen)
+    }
+
+    fn volume(&self, lens: Lens, eye: Vec3, turn: Quat) -> ViewVolume {
+        volume_through(&lens.clip_from_view(), eye, turn, self.scale)
     }
 
     pub fn things(&self, first: &ViewVolume) -> Vec<Thing> {
@@ -448,6 +460,18 @@ pub fn is_for(plan: &CascadePlan, point: DVec3, eye: DVec3) -> bool {
     })
 }
 
+/// The cascades that a point asks for, by its depth and its place before the eye.
+pub fn asked_for(
+    plans: &[CascadePlan],
+    point: DVec3,
+    depth: f64,
+    eye: DVec3,
+) -> impl Iterator<Item = &CascadePlan> {
+    plans
+        .iter()
+        .filter(move |plan| plan.near <= depth && depth <= plan.far && is_for(plan, point, eye))
+}
+
 /// Texels between where `f32` and `f64` look a point up.
 pub fn apart(plan: &CascadePlan, map: &CascadeMap, point: DVec3) -> DVec2 {
     let clip = map.clip_from_world * point.extend(1.0);
@@ -517,9 +541,7 @@ pub fn nothing_is_missed(planned: &Planned) -> Outcome {
     let depth = Depth::new(&planned.view);
     for point in &planned.points {
         let at = depth.of(*point);
-        let mut plans = planned.plans.iter().filter(|plan| {
-            plan.near <= at && at <= plan.far && is_for(plan, *point, planned.view.eye)
-        });
+        let mut plans = asked_for(&planned.plans, *point, at, planned.view.eye);
         let is_covered = plans.any(|plan| covers(plan, *point, planned.case.reach));
         prop_assert!(is_covered, "{point} at {at}: {:?}", planned.plans);
     }

@@ -39,7 +39,7 @@ fn fits() -> Vec<CascadeFit> {
 
 impl Case {
     /// Three boxes of any size before a camera that is nowhere in particular.
-    fn ordinary() -> Self {
+    pub fn ordinary() -> Self {
         let placed = |at: Spot, half: f64| Placed {
             at,
             half: DVec3::splat(half),
@@ -59,6 +59,7 @@ impl Case {
             configs: vec![ParallelSplitShadows::default()],
             eye: Vec3::new(3.0, 1.7, -2.0),
             turn: Quat::from_euler(EulerRot::YXZ, 0.4, -0.2, 0.0),
+            scale: 1.0,
             sun: Sun::Anywhere(DVec3::new(0.3, 0.7, -0.45)),
             scene: Scene::Boxes(vec![
                 placed([0.2, -0.3, 0.4], 0.2),
@@ -72,7 +73,7 @@ impl Case {
         }
     }
 
-    fn with_lens(lens: Lens) -> Self {
+    pub fn with_lens(lens: Lens) -> Self {
         Self {
             lenses: vec![lens],
             ..Self::ordinary()

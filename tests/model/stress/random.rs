@@ -242,6 +242,7 @@ fn case() -> impl Strategy<Value = Case> {
                     configs,
                     eye,
                     turn,
+                    scale: 1.0,
                     sun,
                     scene,
                     is_anchored,
