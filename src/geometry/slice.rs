@@ -42,11 +42,17 @@ impl ViewVolume {
             let y = edge(m.row(1), m.row(3), ndc.y)?;
             Some([DVec2::new(x[0], y[0]), DVec2::new(x[1], y[1])])
         };
+        let ends = [corner(DVec2::NEG_ONE)?, corner(DVec2::ONE)?];
+        // Of mirrored projections the other one is the lower.
+        let [one, other] = ends.map(|[at_eye, per_depth]| at_eye + per_depth);
+        let is_lower = one.cmple(other);
+        let [min, max] = [is_lower, !is_lower]
+            .map(|first| [0, 1].map(|term| DVec2::select(first, ends[0][term], ends[1][term])));
         let volume = Self {
             eye: world_from_view.translation,
             axes: world_from_view.matrix3,
-            min: corner(DVec2::NEG_ONE)?,
-            max: corner(DVec2::ONE)?,
+            min,
+            max,
             near,
             far,
         };

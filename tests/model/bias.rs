@@ -164,4 +164,11 @@ fn the_automatic_bias_has_parts_for_walls_and_bends() {
         "{}",
         far.rounding / per_meter
     );
+    // On a slope what moves them across the light moves them along it, too.
+    let steepness = 4.0;
+    let normal = along * steepness + DVec3::Y;
+    let steep = automatic(&map, far_out, normal, DVec3::Y, size).expect("it is lit");
+    let of_positions = steep.rounding - TEXEL_ROUNDING * steepness * texel * per_meter;
+    let expected = (1.0 + steepness) * far.rounding;
+    approx::assert_relative_eq!(of_positions, expected, max_relative = 1e-3);
 }

@@ -38,6 +38,9 @@ fn a_corner_is_cut_off_a_box() {
     }]);
     assert_eq!((cut.faces().len(), cut.corners.len()), (7, 10));
     assert!((volume(&cut) - (1.0 - 0.125 / 6.0)).abs() < 1e-12);
+    // The corner is a 48th of the box, with its middle an eighth away from the corner's three sides.
+    let rest = (24.0 - 0.875) / 47.0;
+    assert!(cut.centroid().abs_diff_eq(DVec3::splat(rest), 1e-12));
 }
 
 #[test]

@@ -46,6 +46,7 @@ proptest! {
         let center = on_ray - axes * DVec3::from(hit);
         let bounds = OrientedBox { center, half_axes: axes };
         prop_assert!(hull.intersects_box(&bounds));
+        prop_assert!(hull.intersects_sphere(center, DVec3::from(half).length()));
     }
 
     #[test]
@@ -75,7 +76,17 @@ proptest! {
         for (a, b) in plain.planes.iter().zip(&wide.planes) {
             prop_assert!((b.distance - a.distance - margin).abs() < 1e-9);
         }
+        let body = ConvexBody::of_slice(&slice);
+        prop_assert!(wide.contains(&body, margin) && !wide.contains(&body, margin + 1e-6));
     }
+}
+
+#[test]
+fn spheres_count_where_they_reach_the_hull() {
+    let hull = CasterHull::new(&ConvexBody::of_box(-DVec3::ONE, DVec3::ONE), DVec3::Y, 0.0);
+    let beside = DVec3::new(1.5, 40.0, 0.0);
+    assert!(hull.intersects_sphere(beside, 0.6));
+    assert!(!hull.intersects_sphere(beside, 0.4));
 }
 
 #[test]

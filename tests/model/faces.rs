@@ -19,6 +19,14 @@ fn level() -> ViewVolume {
 }
 
 fn plan(to_light: DVec3, history: &mut PlanHistory) -> Vec<CascadePlan> {
+    plan_for(Receivers::everywhere, to_light, history)
+}
+
+fn plan_for(
+    receivers: fn(&ViewVolume) -> Receivers,
+    to_light: DVec3,
+    history: &mut PlanHistory,
+) -> Vec<CascadePlan> {
     let view = level();
     let config = ParallelSplitShadows {
         fit: CascadeFit::Faces,
@@ -29,7 +37,7 @@ fn plan(to_light: DVec3, history: &mut PlanHistory) -> Vec<CascadePlan> {
         light: &LightFrame::new(to_light).expect("a direction"),
         config: &config,
         reach: LookupReach { texels: 4.0 },
-        receivers: &Receivers::everywhere(&view),
+        receivers: &receivers(&view),
         image_height: 1080.0,
         changes: &CasterChanges::At(Vec::new()),
     };
@@ -54,6 +62,17 @@ fn a_side_that_is_nearly_edge_on_gets_no_map() {
     }
     let oblique = DVec3::new(0.1, 1.0, 0.0);
     assert_eq!(Wedge::of_view(&level(), oblique).len(), 2);
+}
+
+/// Fog looks its cascade up by depth alone.
+#[test]
+fn fog_has_no_faces() {
+    let faces = |receivers: fn(&ViewVolume) -> Receivers| {
+        let plans = plan_for(receivers, DVec3::Y, &mut PlanHistory::default());
+        plans.iter().filter(|plan| plan.wedge.is_some()).count()
+    };
+    assert!(faces(Receivers::everywhere) > 0);
+    assert_eq!(faces(Receivers::fog), 0);
 }
 
 /// Slices are as few as faces leave, and more once there have been fewer faces for ten seconds.

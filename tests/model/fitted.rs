@@ -7,7 +7,7 @@ use bevy_pssm::{
         body::ConvexBody,
         face::Wedge,
         fit::LookupReach,
-        hysteresis::{Kept, SHRINK_DELAY, Slack},
+        hysteresis::{Hold, Kept, SHRINK_DELAY, Slack},
         light_frame::LightFrame,
         mesh_boxes::{Corners, PartBoxes},
         oriented_box::OrientedBox,
@@ -15,7 +15,9 @@ use bevy_pssm::{
         slice::{Depth, Slice, ViewVolume},
         warp::WarpFrame,
     },
-    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades, warp_frame},
+    plan::{
+        CascadePlan, CasterChanges, PlanHistory, PlanInputs, Redraw, plan_cascades, warp_frame,
+    },
     prelude::*,
 };
 use proptest::prelude::*;
@@ -72,6 +74,15 @@ impl Scene {
     }
 
     fn plan(&self, config: &ParallelSplitShadows, to_light: DVec3) -> Vec<CascadePlan> {
+        self.plan_after(config, to_light, &mut PlanHistory::default())
+    }
+
+    fn plan_after(
+        &self,
+        config: &ParallelSplitShadows,
+        to_light: DVec3,
+        history: &mut PlanHistory,
+    ) -> Vec<CascadePlan> {
         let view = self.view();
         let inputs = PlanInputs {
             view: &view,
@@ -82,7 +93,7 @@ impl Scene {
             image_height: 1080.0,
             changes: &CasterChanges::At(Vec::new()),
         };
-        plan_cascades(&inputs, &mut PlanHistory::default())
+        plan_cascades(&inputs, history)
     }
 }
 
@@ -344,16 +355,33 @@ fn parts_of_a_terrain_are_small() {
         Vec3::new(x, height(x, z), z)
     };
     let cells = || (0..100).flat_map(|i| (0..100).map(move |j| (i, j)));
-    let triangles = || {
+    let ground = || {
         cells().flat_map(|(i, j)| {
             let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
             [[a, b, c], [c, b, d]]
         })
     };
-    let found = part_boxes(triangles);
-    assert!((100..250).contains(&found.len()), "{}", found.len());
-    for [lo, hi] in found {
-        assert!((hi - lo).max_element() <= 260.0 && hi.x - lo.x <= 100.0);
+    // Walls below its far ends.
+    let walls = || {
+        (0..100).flat_map(|i| {
+            [[at(100, i), at(100, i + 1)], [at(i, 100), at(i + 1, 100)]]
+                .map(|[a, b]| [a, b, a - 5.0 * Vec3::Y])
+        })
+    };
+    // And standing on either side.
+    let turns: [fn(Vec3) -> Vec3; 3] = [
+        |it| it,
+        |it| Vec3::new(it.y, it.x, it.z),
+        |it| Vec3::new(it.x, it.z, it.y),
+    ];
+    for turn in turns {
+        let triangles = || ground().chain(walls());
+        let found = part_boxes(|| triangles().map(move |triangle| triangle.map(turn)));
+        assert!((100..250).contains(&found.len()), "{}", found.len());
+        for [lo, hi] in found {
+            let size = turn(hi - lo);
+            assert!(size.max_element() <= 260.0 && size.x.max(size.z) <= 100.0);
+        }
     }
     assert!(part_boxes(core::iter::empty).is_empty());
 }
@@ -456,23 +484,12 @@ fn slack_holds_maps_still() {
             slack,
             ..Default::default()
         };
-        let light = LightFrame::new(DVec3::new(0.3, 0.7, -0.45)).unwrap();
+        let to_light = DVec3::new(0.3, 0.7, -0.45);
         let mut history = PlanHistory::default();
         let mut before: Option<Vec<CascadePlan>> = None;
         let mut changes = 0;
         for step in 0..100 {
-            let scene = scene(step);
-            let view = scene.view();
-            let inputs = PlanInputs {
-                view: &view,
-                light: &light,
-                config: &config,
-                reach: REACH,
-                receivers: &scene.receivers(&view),
-                image_height: 1080.0,
-                changes: &CasterChanges::At(Vec::new()),
-            };
-            let plans = plan_cascades(&inputs, &mut history);
+            let plans = scene(step).plan_after(&config, to_light, &mut history);
             for (now, before) in plans.iter().zip(before.iter().flatten()) {
                 let texel = |plan: &CascadePlan| plan.map.as_ref().unwrap().texel;
                 changes += usize::from(texel(now) != texel(before) || now.far != before.far);
@@ -654,6 +671,22 @@ fn what_is_held_does_not_flip() {
     }
 }
 
+/// What is to change seldom has half a step to spare when it is new.
+#[test]
+fn what_is_held_long_has_something_to_spare() {
+    let (slack, half_step) = (Slack(0.1), 1.1_f64.sqrt());
+    let held = || Kept::with(Hold::LONG);
+    for tenth in 0..40 {
+        let needed = 1.1_f64.powf(0.1 * f64::from(tenth));
+        let [more, less] = [
+            slack.round_up(needed, &mut held()),
+            slack.round_down(needed, &mut held()),
+        ];
+        assert!(more >= needed * half_step * (1.0 - 1e-8), "{needed} {more}");
+        assert!(less <= needed / half_step * (1.0 + 1e-8), "{needed} {less}");
+    }
+}
+
 fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
     let mut boxes = PartBoxes::default();
     triangles().for_each(|triangle| boxes.measure(triangle));
@@ -673,6 +706,117 @@ fn ground(eye: f64, pitch: f32) -> Scene {
             center: DVec3::ZERO,
             half: DVec3::new(900.0, 5.0, 900.0),
         }],
+    }
+}
+
+/// Things before a camera at the origin that looks along −z.
+fn before_the_eye(things: Vec<Thing>) -> Scene {
+    Scene {
+        things,
+        ..ground(0.0, 0.0)
+    }
+}
+
+/// A steady map of next to nothing is no finer than the picture has a use for.
+#[test]
+fn steady_maps_are_no_finer_than_pixels() {
+    let scene = before_the_eye(vec![Thing {
+        center: 40.0 * DVec3::NEG_Z,
+        half: DVec3::splat(1e-3),
+    }]);
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Steady,
+        ..Default::default()
+    };
+    let plans = scene.plan(&config, DVec3::new(0.3, 0.7, -0.45));
+    let texel = plans[0].map.as_ref().expect("it is seen").texel;
+    // A quarter of a pixel, where the configuration begins.
+    let pixel = scene.view().image_height(1.0) / 1080.0;
+    assert!(texel.min_element() >= 0.25 * pixel, "{texel} {pixel}");
+}
+
+/// What is a hair beyond the end of a slice may be looked up in its map, by the GPU's reckoning.
+#[test]
+fn slices_have_what_lies_at_their_ends() {
+    let scene = before_the_eye(vec![Thing {
+        center: DVec3::new(0.0, 0.0, -125.0001),
+        half: DVec3::new(10.0, 10.0, 24.9999),
+    }]);
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Tight,
+        splits: SplitScheme::Manual(vec![100.0, 200.0, 300.0]),
+        ..Default::default()
+    };
+    let plans = scene.plan(&config, DVec3::new(0.3, 0.7, -0.45));
+    let map = plans[0].map.as_ref().expect("it is at the slice's end");
+    let ndc = map.clip_from_world.project_point3(100.0002 * DVec3::NEG_Z);
+    assert!(ndc.truncate().abs().max_element() < 1.0 && (0.0..1.0).contains(&ndc.z));
+}
+
+/// No cascade gives way before it has taken over, wherever shadows would begin to fade.
+#[test]
+fn nothing_fades_before_its_slice_begins() {
+    let scene = before_the_eye(vec![Thing {
+        center: 365.0 * DVec3::NEG_Z,
+        half: DVec3::new(10.0, 10.0, 115.0),
+    }]);
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Tight,
+        fade: 1.0,
+        ..Default::default()
+    };
+    let plans = scene.plan(&config, DVec3::new(0.3, 0.7, -0.45));
+    assert_eq!(fits_of(&plans), [MapFit::Tight; 4]);
+    for pair in plans.windows(2) {
+        assert!(pair[1].blend_start >= pair[0].far, "{pair:?}");
+    }
+}
+
+const NEAR_BY: Thing = Thing {
+    center: DVec3::new(0.0, -3.0, -30.0),
+    half: DVec3::new(10.0, 1.0, 10.0),
+};
+
+/// Where splits are spread over other depths, slices hold on to nothing of what they were.
+#[test]
+fn other_slices_are_fitted_anew() {
+    let far_off = Thing {
+        center: DVec3::new(0.0, -3.0, -100.0),
+        half: DVec3::ONE,
+    };
+    let config = ParallelSplitShadows {
+        cascades: 1,
+        fit: CascadeFit::Tight,
+        ..Default::default()
+    };
+    let mut history = PlanHistory::default();
+    before_the_eye(vec![NEAR_BY, far_off]).plan_after(&config, DVec3::Y, &mut history);
+    let scene = before_the_eye(vec![NEAR_BY]);
+    let plans = [
+        scene.plan_after(&config, DVec3::Y, &mut history),
+        scene.plan(&config, DVec3::Y),
+    ];
+    let [after, fresh] = plans.map(|plans| plans[0].map.clone().expect("it is seen"));
+    assert_eq!(after.clip_from_world, fresh.clip_from_world);
+}
+
+/// Of what has changed while there was no map, nobody knows.
+#[test]
+fn maps_that_come_back_are_drawn() {
+    let (something, nothing) = (before_the_eye(vec![NEAR_BY]), before_the_eye(Vec::new()));
+    for fit in [CascadeFit::Stable, CascadeFit::Steady, CascadeFit::Tight] {
+        let config = ParallelSplitShadows {
+            fit: fit.clone(),
+            ..Default::default()
+        };
+        let mut history = PlanHistory::default();
+        let redraws = [&something, &something, &nothing, &something].map(|scene| {
+            let plans = scene.plan_after(&config, DVec3::Y, &mut history);
+            let map = plans.iter().find_map(|plan| plan.map.as_ref());
+            map.map(|map| map.redraw)
+        });
+        let new = Some(Some(Redraw::New));
+        assert_eq!(redraws, [new, Some(None), None, new], "{fit:?}");
     }
 }
 
@@ -748,6 +892,36 @@ fn budgets_are_shared() {
     assert_eq!(sizes(&scene)[..3], sizes(&ground(12.0, -0.3))[..3]);
 }
 
+/// Even without slack: with the largest map all memory is allocated anew.
+#[test]
+fn shares_of_budgets_change_in_steps() {
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Tight,
+        map_size: MapSize::Budget(4 << 20),
+        slack: 0.0,
+        ..Default::default()
+    };
+    let mut history = PlanHistory::default();
+    let sizes: Vec<Vec<UVec2>> = (0..60)
+        .map(|step| {
+            let scene = ground(10.0, -0.1 - 0.002 * step as f32);
+            let plans = scene.plan_after(&config, DVec3::new(0.3, 0.7, -0.45), &mut history);
+            plans.iter().map(|plan| plan.map_size).collect()
+        })
+        .collect();
+    let pairs = sizes
+        .windows(2)
+        .flat_map(|pair| pair[0].iter().zip(&pair[1]));
+    let changes = pairs.filter(|(before, now)| before != now).count();
+    assert!(changes <= 12, "{changes} of 236 maps changed");
+}
+
+/// Of the maps that there are.
+fn fits_of(plans: &[CascadePlan]) -> Vec<MapFit> {
+    let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+    maps.map(|map| map.fit).collect()
+}
+
 /// Choices are held, and released when they are no longer worth it.
 #[test]
 fn auto_chooses_what_is_worth_it() {
@@ -758,11 +932,7 @@ fn auto_chooses_what_is_worth_it() {
             map_size: MapSize::Same(size),
             ..Default::default()
         };
-        let plans = scene.plan(&config, to_light);
-        plans
-            .iter()
-            .filter_map(|plan| Some(plan.map.as_ref()?.fit))
-            .collect()
+        fits_of(&scene.plan(&config, to_light))
     };
     let scene = ground(10.0, -0.1);
     let stable = fits(0.0, 1024, &scene);
@@ -785,6 +955,47 @@ fn auto_chooses_what_is_worth_it() {
     assert!(count(&ground(300.0, -1.57)) <= 2);
 }
 
+/// While a camera rests, choices do, however near to each other fits are.
+#[test]
+fn choices_rest_with_the_camera() {
+    let scene = ground(10.0, -0.1);
+    for percent in (10..=60).step_by(2) {
+        let config = ParallelSplitShadows {
+            fit: CascadeFit::Auto {
+                sharpness: 0.01 * percent as f32,
+            },
+            map_size: MapSize::Same(512),
+            ..Default::default()
+        };
+        let mut history = PlanHistory::default();
+        let [first, second] = [(); 2].map(|()| {
+            let to_light = DVec3::new(0.3, 0.9, -0.1);
+            fits_of(&scene.plan_after(&config, to_light, &mut history))
+        });
+        assert_eq!(first, second, "{percent} %");
+    }
+}
+
+/// As the view turns from the horizon to the feet, cascades that have gained something are let go.
+#[test]
+fn cascades_that_gain_nothing_are_let_go() {
+    let config = ParallelSplitShadows {
+        fit: CascadeFit::Auto { sharpness: 1.0 },
+        map_size: MapSize::Same(16384),
+        ..Default::default()
+    };
+    let to_light = DVec3::new(0.3, 0.9, -0.1);
+    let mut history = PlanHistory::default();
+    let counts: Vec<usize> = (0..=40)
+        .map(|step| {
+            let scene = ground(10.0, -1.57 * step as f32 / 40.0);
+            fits_of(&scene.plan_after(&config, to_light, &mut history)).len()
+        })
+        .collect();
+    let fresh = fits_of(&ground(10.0, -1.57).plan(&config, to_light)).len();
+    assert!(counts[0] > fresh && counts[40] == fresh, "{counts:?}");
+}
+
 /// While a camera moves, choices and layouts change seldom, and not to and fro.
 #[test]
 fn choices_do_not_flip() {
@@ -801,23 +1012,9 @@ fn choices_do_not_flip() {
         for frame in 0..200 {
             // Nodding about the horizon.
             let scene = ground(6.0, 0.02 * (0.7 * frame as f32).sin());
-            let view = scene.view();
-            let inputs = PlanInputs {
-                view: &view,
-                light: &LightFrame::new(to_light).unwrap(),
-                config: &config,
-                reach: REACH,
-                receivers: &scene.receivers(&view),
-                image_height: 1080.0,
-                changes: &CasterChanges::At(Vec::new()),
-            };
-            let plans = plan_cascades(&inputs, &mut history);
-            let used: Vec<_> = plans
-                .iter()
-                .map(|plan| Some(plan.map.as_ref()?.fit))
-                .collect();
+            let plans = scene.plan_after(&config, to_light, &mut history);
             let ends: Vec<_> = plans.iter().map(|plan| (plan.far * 1e3) as i64).collect();
-            let layout = (used.iter().flatten().count(), ends);
+            let layout = (fits_of(&plans).len(), ends);
             changes += usize::from(before.as_ref().is_some_and(|before| *before != layout));
             before = Some(layout);
         }

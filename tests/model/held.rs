@@ -226,6 +226,46 @@ fn maps_that_hold_what_changes_are_drawn() {
     }
 }
 
+/// Where casters matter to a held map now, they would matter to one that is drawn now.
+#[test]
+fn held_maps_know_which_casters_matter_now() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Stable);
+    walker.config.slack = 0.0;
+    let mut held = 0;
+    for frame in 0..6 {
+        let plans = walker.plan(&nothing);
+        let mut newcomer = Walker {
+            config: walker.config.clone(),
+            history: PlanHistory::default(),
+            ..walker
+        };
+        for (plan, fresh) in plans.iter().zip(newcomer.plan(&nothing)) {
+            let maps = [plan.map.as_ref(), fresh.map.as_ref()];
+            let [now, of_fresh] = maps.map(|map| map.map(|map| &map.hull_now));
+            assert!(now == of_fresh, "frame {frame}");
+            held += usize::from(plan.map.as_ref().is_some_and(|map| map.redraw.is_none()));
+        }
+        walker.eye += 0.1 * walker.forward();
+    }
+    assert!(held > 0, "no map was held");
+}
+
+/// Maps whose casters change in every frame hold what matters now and no more.
+#[test]
+fn maps_that_do_not_last_have_nothing_to_spare() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    walker.plan(&nothing);
+    walker.plan(&nothing);
+    for has_lasted in [true, false, false] {
+        let plans = walker.plan(&CasterChanges::Anywhere);
+        for map in plans.iter().filter_map(|plan| plan.map.as_ref()) {
+            assert_eq!(map.hull != map.hull_now, has_lasted);
+        }
+    }
+}
+
 /// Several maps are due in the same frame: one is drawn, unless the others have waited long enough.
 #[test]
 fn maps_that_may_wait_are_drawn_one_after_the_other() {

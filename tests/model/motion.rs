@@ -123,6 +123,25 @@ fn a_cut_holds_on_to_nothing() {
     }
 }
 
+/// From high up, where the first slice ends far off, a fast flight is none.
+#[test]
+fn high_flights_are_no_cuts() {
+    for fit in [CascadeFit::Steady, CascadeFit::Tight] {
+        let config = with(fit);
+        let mut history = PlanHistory::default();
+        for frame in 0..20 {
+            let shot = Shot {
+                eye: DVec3::new(20.0 * f64::from(frame), 300.0, 0.0),
+                ..AT_FEET
+            };
+            let plans = shot.plan(&config, DVec3::ZERO, &mut history);
+            let mut maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+            let is_new = maps.any(|map| map.redraw == Some(Redraw::New));
+            assert_eq!(is_new, frame == 0, "{:?}: frame {frame}", config.fit);
+        }
+    }
+}
+
 /// The largest side of each map's texels, where there is one (meters).
 fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
     let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel.max_element());
@@ -278,37 +297,60 @@ fn a_moved_world_moves_no_texel() {
 #[test]
 fn a_warp_knows_the_map_it_competes_with() {
     let config = with(CascadeFit::Warped(MapWarp::Minimax));
-    let view = volume(
-        &perspective(0.8, 1.6),
-        DVec3::new(0.0, 1.7, 0.0).as_vec3(),
-        Quat::from_rotation_y(0.6),
-    );
-    let mut receivers = Receivers::new(&view);
-    // A strip of ground along the world's z, and the light above it.
-    receivers.add(&OrientedBox {
-        center: DVec3::new(-4.0, 0.0, -8.0),
-        half_axes: DMat3::from_diagonal(DVec3::new(0.5, 0.05, 6.0)),
-    });
-    let plan = |receivers: &Receivers| {
-        let inputs = PlanInputs {
-            view: &view,
-            light: &LightFrame::new(DVec3::new(0.0, 1.0, 0.1)).expect("a direction"),
-            config: &config,
-            reach: LookupReach { texels: 3.0 },
-            receivers,
-            image_height: 1080.0,
-            changes: &CasterChanges::At(Vec::new()),
-        };
-        plan_cascades(&inputs, &mut PlanHistory::default())
-    };
-    let fits = |plans: &[CascadePlan]| -> Vec<MapFit> {
-        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
-        maps.map(|map| map.fit).collect()
-    };
-    assert!(fits(&plan(&receivers)).contains(&MapFit::Tight));
+    let fits = |strip| fits_in_street(&config, 0.6, strip, &mut PlanHistory::default());
+    assert!(fits(Some(DVec3::new(-4.0, 0.0, -8.0))).contains(&MapFit::Tight));
     // All of the view is what warps are made for.
-    let everywhere = fits(&plan(&Receivers::everywhere(&view)));
-    assert_eq!(everywhere, [MapFit::Warped(MapWarp::Minimax); 4]);
+    assert_eq!(fits(None), [MapFit::Warped(MapWarp::Minimax); 4]);
+}
+
+/// The tight map must be clearly finer to come, and keeps its place where it is hardly so.
+#[test]
+fn a_warp_and_its_rival_do_not_take_turns() {
+    let warped = MapFit::Warped(MapWarp::Minimax);
+    let config = ParallelSplitShadows {
+        cascades: 1,
+        ..with(CascadeFit::Warped(MapWarp::Minimax))
+    };
+    let strip = Some(10.0 * DVec3::NEG_Z);
+    let mut history = PlanHistory::default();
+    let mut fit = |step: i32| fits_in_street(&config, 0.05 * step as f32, strip, &mut history)[0];
+    // Its texels are 1.13 times as fine along the street, and 1.46 times where the camera has turned.
+    let there: Vec<MapFit> = (0..=8).map(&mut fit).collect();
+    let back: Vec<MapFit> = (0..=8).rev().map(&mut fit).collect();
+    assert_eq!((&there[..3], there[8]), (&[warped; 3][..], MapFit::Tight));
+    assert_eq!(back, [MapFit::Tight; 9]);
+}
+
+/// Of what a camera sees that has turned so far from a strip of ground along the world's z, with the light
+/// above it; or of all that it sees, without one.
+fn fits_in_street(
+    config: &ParallelSplitShadows,
+    yaw: f32,
+    strip: Option<DVec3>,
+    history: &mut PlanHistory,
+) -> Vec<MapFit> {
+    let turn = Quat::from_rotation_y(yaw);
+    let view = volume(&perspective(0.8, 1.6), STANDING.eye.as_vec3(), turn);
+    let mut receivers = Receivers::new(&view);
+    match strip {
+        Some(center) => receivers.add(&OrientedBox {
+            center,
+            half_axes: DMat3::from_diagonal(DVec3::new(0.5, 0.05, 6.0)),
+        }),
+        None => receivers.add_everywhere(),
+    }
+    let inputs = PlanInputs {
+        view: &view,
+        light: &LightFrame::new(DVec3::new(0.0, 1.0, 0.1)).expect("a direction"),
+        config,
+        reach: LookupReach { texels: 3.0 },
+        receivers: &receivers,
+        image_height: 1080.0,
+        changes: &CasterChanges::At(Vec::new()),
+    };
+    let plans = plan_cascades(&inputs, history);
+    let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+    maps.map(|map| map.fit).collect()
 }
 
 /// In how many of so many frames any map's texels change while a camera goes along a path through a

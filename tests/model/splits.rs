@@ -93,3 +93,10 @@ fn logarithmic_slices_share_one_ratio_of_far_to_near() {
         approx::assert_relative_eq!(pair[1] / pair[0], 10.0, max_relative = 1e-12);
     }
 }
+
+#[test]
+fn manual_planes_are_those_that_are_set() {
+    let scheme = SplitScheme::Manual(vec![4.0, 9.0, 25.0]);
+    let planes = split_planes(&scheme, 1.0, 100.0, 4);
+    assert_eq!(planes, [1.0, 4.0, 9.0, 25.0, 100.0]);
+}

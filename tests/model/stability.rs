@@ -1,10 +1,15 @@
 //! Stable maps: constant size and orientation, moved by whole texels.
 
-use bevy::math::{DVec3, Quat, Vec3};
+use bevy::math::{DMat3, DVec2, DVec3, Quat, UVec2, Vec3};
 use bevy_pssm::{
     CascadeFit, MapSize, MapWarp, ParallelSplitShadows, SplitScheme,
     geometry::{
-        fit::LookupReach, light_frame::LightFrame, receivers::Receivers, slice::ViewVolume,
+        fit::{self, LookupReach, MapBox},
+        hysteresis::Slack,
+        light_frame::LightFrame,
+        oriented_box::OrientedBox,
+        receivers::Receivers,
+        slice::ViewVolume,
     },
     plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades},
 };
@@ -174,6 +179,67 @@ proptest! {
     }
 }
 
+/// Wherever in a texel the grid begins, though the slice's sphere is touched along an axis of the map.
+#[test]
+fn what_snapping_moves_a_map_by_is_in_its_guard() {
+    let view = volume(&perspective(1.05, 1.333), Vec3::ZERO, Quat::IDENTITY);
+    let slice = view.slice(1.0, 50.0).expect("not empty");
+    let x = (slice.corners[4] - slice.center).normalize();
+    let z = x.any_orthonormal_vector();
+    let y = z.cross(x);
+    // Texels of 0.4 m.
+    for step in 0..64 {
+        let origin = 0.01 * f64::from(step) * x;
+        let is_grounded = false;
+        let light = LightFrame {
+            x,
+            y,
+            z,
+            origin,
+            is_grounded,
+        };
+        let map = fit::stable(&slice, &light, UVec2::splat(256), REACH, Slack(0.0));
+        let spare = map.spare(&slice.corners, &light, REACH);
+        assert!(spare.min_element() >= -1e-9, "{step}: {spare}");
+    }
+}
+
+#[test]
+fn maps_are_moved_no_farther_than_said() {
+    let map = MapBox {
+        center: DVec3::ZERO,
+        half: DVec3::splat(64.0),
+        texel: DVec2::new(1.0, 0.5),
+    };
+    let moved = map.moved(DVec2::new(1.7, -0.9));
+    assert_eq!(moved.center, DVec3::new(1.0, -0.5, 0.0));
+}
+
+/// Texels have corners: those of the outermost that a filter reads are in the hull.
+#[test]
+fn casters_in_every_texel_that_is_read_matter() {
+    let view = volume(&perspective(1.05, 1.333), Vec3::ZERO, Quat::IDENTITY);
+    let reach = LookupReach { texels: 1.0 };
+    for to_light in [DVec3::Y, DVec3::new(0.3, 0.7, -0.45), DVec3::Z] {
+        let light = LightFrame::new(to_light).expect("a direction");
+        for cascade in plan_for(&config(256), &view, to_light, reach) {
+            let slice = view.slice(cascade.near, cascade.far).expect("not empty");
+            let map = cascade.map.expect("a map");
+            let farthest = (reach.texels + 0.999) * map.texel;
+            for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+                let off = x * farthest.x * light.x + y * farthest.y * light.y;
+                let meets = |corner: &DVec3| {
+                    map.hull_now.intersects_box(&OrientedBox {
+                        center: *corner + off,
+                        half_axes: DMat3::ZERO,
+                    })
+                };
+                assert!(slice.corners.iter().all(meets), "{to_light} {off}");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_last_cascade_to_be_seen_fades() {
     let config = ParallelSplitShadows {
@@ -226,7 +292,7 @@ fn light_frames_are_orthonormal_right_handed_and_need_a_direction() {
         let frame = LightFrame::new(to_light).expect("a direction");
         let matrix = frame.world_from_light();
         approx::assert_relative_eq!(matrix.determinant(), 1.0, epsilon = 1e-12);
-        assert!((matrix.transpose() * matrix).abs_diff_eq(bevy::math::DMat3::IDENTITY, 1e-12));
+        assert!((matrix.transpose() * matrix).abs_diff_eq(DMat3::IDENTITY, 1e-12));
     }
     assert_eq!(LightFrame::new(DVec3::ZERO), None);
     assert_eq!(LightFrame::new(DVec3::splat(f64::NAN)), None);

@@ -68,23 +68,54 @@ proptest! {
     }
 }
 
+/// The direction to a sun (degrees).
+fn sun_at(azimuth: f64, elevation: f64) -> DVec3 {
+    let (sin, cos) = elevation.to_radians().sin_cos();
+    let (x, z) = azimuth.to_radians().sin_cos();
+    DVec3::new(x * cos, sin, z * cos)
+}
+
 /// Below 50° of elevation a sun that goes across the sky has level maps, as one that stands there has.
 #[test]
 fn frames_of_low_suns_are_level() {
-    let at = |azimuth: f64, elevation: f64| {
-        let (sin, cos) = elevation.to_radians().sin_cos();
-        let (x, z) = azimuth.to_radians().sin_cos();
-        DVec3::new(x * cos, sin, z * cos)
-    };
     for elevation in [5.0, 30.0, 49.0] {
-        let mut frame = LightFrame::new(at(0.0, elevation)).unwrap();
+        let mut frame = LightFrame::new(sun_at(0.0, elevation)).unwrap();
         for step in 1..720 {
-            let to_light = at(0.5 * f64::from(step), elevation);
+            let to_light = sun_at(0.5 * f64::from(step), elevation);
             frame = frame.following(to_light).unwrap();
             assert_eq!(frame.x.y, 0.0);
         }
         let fresh = LightFrame::new(frame.z).unwrap();
         assert!(frame.x.abs_diff_eq(fresh.x, 1e-12));
+    }
+}
+
+/// A sun that goes over the zenith and down leaves its frame on its head, and level.
+#[test]
+fn frames_do_not_turn_half_about() {
+    let first = LightFrame::new(sun_at(90.0, 30.0)).unwrap();
+    let mut frame = first;
+    for elevation in 31..=150 {
+        let to_light = sun_at(90.0, f64::from(elevation));
+        frame = frame.following(to_light).unwrap();
+        assert!(frame.x.abs_diff_eq(first.x, 1e-9), "{elevation}: {frame:?}");
+    }
+}
+
+/// The higher the light stands, the less a frame turns about it to become level.
+#[test]
+fn frames_of_high_suns_hardly_turn() {
+    for elevation in [20.0, 50.0, 80.0_f64] {
+        let level = LightFrame::new(sun_at(0.0, elevation)).unwrap();
+        let tilt = DQuat::from_axis_angle(level.z, 1.0);
+        let (x, y) = (tilt * level.x, tilt * level.y);
+        let frame = LightFrame { x, y, ..level };
+        let next = frame.following(sun_at(1.0, elevation)).unwrap();
+        let carried = DQuat::from_rotation_arc(frame.z, next.z) * frame.x;
+        let share = elevation.to_radians().cos().powi(2);
+        let most = LEVELING * share * angle_between(frame.z, next.z);
+        let turned = angle_between(carried, next.x);
+        approx::assert_relative_eq!(turned, most, max_relative = 1e-6);
     }
 }
 
@@ -213,6 +244,22 @@ fn a_sun_that_jumps_is_followed_at_once() {
         assert!(off.all(|off| off < 1e-12));
         assert_eq!(drawn(&day.plan(to_light)), 0);
     }
+}
+
+/// Its maps are those of one that has always stood there, though the frame that it had has turned.
+#[test]
+fn a_sun_that_jumps_has_a_frame_of_its_own() {
+    let mut day = Day::new(CascadeFit::Stable, 0.0, DVec3::new(3.0, 1.7, -2.0));
+    let mut axis_at = |elevation: f64| {
+        let to_light = Day::to_light(elevation);
+        let map = day.plan(to_light)[0].map.clone().expect("a map");
+        let fresh = LightFrame::new(to_light).unwrap();
+        map.world_from_cascade.x_axis.truncate().dot(fresh.x)
+    };
+    // Over the zenith, and on its head.
+    let turned = [80.0, 85.0, 90.0, 95.0, 100.0].map(&mut axis_at)[4];
+    approx::assert_relative_eq!(turned, -1.0, epsilon = 1e-9);
+    approx::assert_relative_eq!(axis_at(145.0), 1.0, epsilon = 1e-9);
 }
 
 /// Wherever the sun stops, maps are drawn no more.

@@ -68,14 +68,18 @@ pub fn any_direction() -> impl Strategy<Value = DVec3> {
     })
 }
 
-#[test]
-fn slice_corners_are_those_of_bevys_projections() {
-    let orthographic = Projection::Orthographic(OrthographicProjection {
+/// Off its axis.
+fn orthographic() -> Projection {
+    Projection::Orthographic(OrthographicProjection {
         area: Rect::new(-3.0, -2.0, 5.0, 4.0),
         near: -10.0,
         ..OrthographicProjection::default_3d()
-    });
-    for projection in [perspective(1.1, 1.6), orthographic] {
+    })
+}
+
+#[test]
+fn slice_corners_are_those_of_bevys_projections() {
+    for projection in [perspective(1.1, 1.6), orthographic()] {
         let view = volume(&projection, Vec3::ZERO, Quat::IDENTITY);
         let slice = view.slice(5.0, 50.0).expect("not empty");
         for corner in projection.get_frustum_corners(-5.0, -50.0) {
@@ -87,6 +91,35 @@ fn slice_corners_are_those_of_bevys_projections() {
             assert!(nearest < 1e-4, "{corner} is missing from {slice:?}");
         }
     }
+}
+
+#[test]
+fn slices_of_mirrored_cameras_fill_the_picture() {
+    let mut off_axis = perspective(1.1, 1.6).get_clip_from_view();
+    off_axis.z_axis += Vec4::new(0.3, -0.2, 0.0, 0.0);
+    for lens in [off_axis, orthographic().get_clip_from_view()] {
+        for mirror in [Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)] {
+            let lens = Mat4::from_scale(mirror) * lens;
+            let view = volume_through(&lens, Vec3::ZERO, Quat::IDENTITY, 1.0);
+            let is_perspective = lens.row(3).w == 0.0;
+            assert_eq!(view.is_perspective(), is_perspective, "{mirror}");
+            assert!(view.image_height(10.0) > 0.0, "{mirror}");
+            for corner in view.slice(5.0, 50.0).expect("not empty").corners {
+                let ndc = lens.project_point3(corner.as_vec3());
+                let off = (ndc.truncate().abs() - 1.0).abs().max_element();
+                assert!(off < 1e-5, "{mirror}: {corner} is at {ndc}");
+            }
+        }
+    }
+}
+
+/// Where a slice is wider than long, the sphere around its far end is the smallest.
+#[test]
+fn wide_slices_have_the_sphere_of_their_far_end() {
+    let view = volume(&perspective(1.5, 1.6), Vec3::ZERO, Quat::IDENTITY);
+    let slice = view.slice(1.0, 1000.0).expect("not empty");
+    let half_diagonal = 0.5 * slice.corners[4].distance(slice.corners[6]);
+    approx::assert_relative_eq!(slice.radius, half_diagonal, max_relative = 1e-9);
 }
 
 #[test]

@@ -1,9 +1,16 @@
 //! Warped maps: where they put what, and what they must not do.
 
-use bevy::math::{DMat3, DVec2, DVec3};
-use bevy_pssm::geometry::{
-    slice::{BodyVertex, Slice, ViewVolume},
-    warp::WarpFrame,
+use bevy::math::{DMat3, DVec2, DVec3, UVec2};
+use bevy_pssm::{
+    MapWarp,
+    geometry::{
+        bias::MapDerivatives,
+        body::ConvexBody,
+        fit::LookupReach,
+        slice::{BodyVertex, Slice, ViewVolume},
+        warp::WarpFrame,
+    },
+    plan::warp_frame,
 };
 use proptest::prelude::*;
 
@@ -162,4 +169,75 @@ fn directions_that_are_none_have_no_frame() {
     let parallel = WarpFrame::of_view(&view, DVec3::Z).unwrap();
     assert_eq!(parallel.y, DVec3::Y);
     assert_eq!(parallel.lispsm_strength(1.0, 9.0), 0.0);
+}
+
+/// As the light turns from straight above to the view's direction, the guarded strength costs a hundredth, or
+/// is the one with the least error.
+#[test]
+fn guarded_strengths_cost_a_hundredth_at_most() {
+    let view = view(DVec2::new(0.8, 0.6));
+    let body = view.slice(1.0, 20.0).unwrap().vertices();
+    let mut limited = 0;
+    for degrees in 1..=90 {
+        let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+        let frame = WarpFrame::of_view(&view, DVec3::new(0.0, sin, cos)).unwrap();
+        let strengths = [
+            frame.minimax_strength(&body),
+            frame.guarded_minimax_strength(&body),
+        ];
+        let share = |strength| error(&frame, &body, strength)[1] / error(&frame, &body, 0.0)[1];
+        let [least_error, guarded] = strengths.map(share);
+        if least_error <= 1.01 {
+            assert_eq!(strengths[0], strengths[1], "{degrees}");
+        } else {
+            limited += 1;
+            approx::assert_relative_eq!(guarded, 1.01, max_relative = 1e-6);
+        }
+    }
+    assert!((10..80).contains(&limited), "{limited}");
+}
+
+/// Lookups that reach beyond a body up or down a slope find depths in its map.
+#[test]
+fn maps_have_a_guard_along_the_light() {
+    let view = view(DVec2::new(0.8, 0.6));
+    let (near, far, size) = (1.0, 100.0, UVec2::splat(512));
+    let reach = LookupReach { texels: 6.0 };
+    let body = view.slice(near, far).unwrap().vertices();
+    for to_light in [DVec3::Y, DVec3::new(0.3, 0.8, 0.5)] {
+        let frame = WarpFrame::of_view(&view, to_light).unwrap();
+        for strength in [0.0, frame.lispsm_strength(near, far)] {
+            let (map, _) = frame.guarded_map(&body, strength, size, reach);
+            for vertex in body {
+                let here = MapDerivatives::at(&map, vertex.position).unwrap();
+                let texel = here.texel(size.as_dvec2()).max_element();
+                let rise = reach.texels * texel * frame.z;
+                for point in [vertex.position + rise, vertex.position - rise] {
+                    let depth = map.project_point3(point).z;
+                    assert!((-1e-9..=1.0 + 1e-9).contains(&depth), "{to_light}: {depth}");
+                }
+            }
+        }
+    }
+}
+
+/// Where nothing that is farther looks smaller, there is nothing to make up for.
+#[test]
+fn orthographic_views_are_not_warped() {
+    let half = DVec2::new(40.0, 30.0);
+    let view = ViewVolume {
+        min: [-half, DVec2::ZERO],
+        max: [half, DVec2::ZERO],
+        ..view(DVec2::ONE)
+    };
+    let body = ConvexBody::of_slice(&view.slice(5.0, 50.0).unwrap());
+    for warp in [
+        MapWarp::Lispsm,
+        MapWarp::Lloyd { eta: 0.0 },
+        MapWarp::Trapezoid { focus: 0.4 },
+        MapWarp::Strength(1.0),
+    ] {
+        let (_, strength) = warp_frame(warp, DVec3::NEG_Z, &view, DVec3::Y, &body).unwrap();
+        assert_eq!(strength, 0.0, "{warp:?}");
+    }
 }
