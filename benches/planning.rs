@@ -233,7 +233,7 @@ fn advance(world: &mut World, moves: Moves) {
     }
 }
 
-/// Meshes over two kilometers about cameras, and as many suns.
+/// Meshes over two kilometers, cameras in their middle, and a sun for each.
 fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
     let mut app = server_app(AssetPlugin::default());
     app.finish();

@@ -12,7 +12,8 @@ use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 pub struct CasterHull {
     /// The bounding planes.
     pub planes: Vec<HalfSpace>,
-    /// A sphere that holds the body: no hull reaches farther than it does on its way to the light.
+    /// A sphere that holds the body, grown by the margin: what is beyond all of its way to the light matters to
+    /// nothing in it.
     center: DVec3,
     radius: f64,
     to_light: DVec3,
@@ -116,21 +117,25 @@ impl CasterHull {
                 .all(|corner| !self.is_far(*corner, -margin))
     }
 
-    /// Whether a sphere lies beyond the sphere that holds the body, wherever that is on its way to the light.
+    /// Whether a sphere lies beyond the one that holds the body, wherever that is on its way to the light. Not if
+    /// either is no number.
     fn is_far(&self, center: DVec3, radius: f64) -> bool {
         const ROUNDING: f64 = 1e-12;
+        // `f64::max` would drop what is no number.
+        let at_least_0 = |length: f64| if length < 0.0 { 0.0 } else { length };
         let offset = center - self.center;
-        let along = offset.dot(self.to_light).max(0.0);
-        let reach = (self.radius + radius).max(0.0);
+        let along = at_least_0(offset.dot(self.to_light));
+        let reach = at_least_0(self.radius + radius);
         offset.length_squared() * (1.0 - ROUNDING) - along * along > reach * reach
     }
 
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
     pub fn intersects_box(&self, bounds: &OrientedBox) -> bool {
         // A box that is not a number is outside of no plane.
-        !self.planes.iter().any(|plane| {
-            plane.normal.dot(bounds.center) - bounds.reach(plane.normal) > plane.distance
-        })
+        !self.is_far(bounds.center, bounds.radius())
+            && !self.planes.iter().any(|plane| {
+                plane.normal.dot(bounds.center) - bounds.reach(plane.normal) > plane.distance
+            })
     }
 
     /// As [`CasterHull::intersects_box`], for a sphere in world space: worth asking first, as most

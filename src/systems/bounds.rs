@@ -96,9 +96,10 @@ pub(super) fn bounding_sphere(
         matrix.y_axis * local_half.y,
         matrix.z_axis * local_half.z,
     ];
+    let squares = x_ws.length_squared() + y_ws.length_squared() + z_ws.length_squared();
+    let shear = x_ws.dot(y_ws).abs() + y_ws.dot(z_ws).abs() + z_ws.dot(x_ws).abs();
+    let diagonal = 1.001 * f64::from(squares + 2.0 * shear).sqrt();
     // Boxes along the world's axes, with margins around them, are longer than their content.
-    let longest = x_ws.length_squared() + y_ws.length_squared() + z_ws.length_squared();
-    let diagonal = 1.001 * f64::from(longest).sqrt();
     let radius = match margin {
         Margin::None => diagonal,
         Margin::Meters(meters) => 2.0 * (diagonal + meters),

@@ -55,6 +55,8 @@ pub enum ShadowUpdates {
 
 /// What a mesh's shadow depends on, as of the last frame.
 #[derive(Component, Debug, Default, Clone, PartialEq)]
+// A copy of a mesh is in no map.
+#[component(clone_behavior = Ignore)]
 pub enum CasterRecord {
     /// It is not there, or hidden.
     #[default]
@@ -233,6 +235,14 @@ impl ChangingCasterItem<'_, '_> {
     fn can_move(&self, state: &CasterRecord) -> bool {
         self.gpu_culled.is_none() && state.caster().is_some()
     }
+
+    /// Notes what it is, whatever it was, and says whether it counts as moving.
+    pub fn note(&mut self, surroundings: &Surroundings, displaced: &EntityHashSet) -> bool {
+        let state = self.state(surroundings, displaced);
+        let moves = self.is_restless(surroundings, displaced) && self.can_move(&state);
+        *self.record.bypass_change_detection() = state;
+        moves
+    }
 }
 
 /// What casters depend on beside their own components.
@@ -289,15 +299,29 @@ pub struct Found {
 }
 
 impl Found {
-    /// Compares a mesh with what it was, and says whether it is the same. `known_moving` have been found moving before:
-    /// no map of what rests holds them.
+    /// Whether more has changed than is told apart. What begins to move is in both places, and more may have
+    /// changed where it is.
+    pub fn is_flood(&self, most: usize) -> bool {
+        self.moving.len() > most || self.casters.len() > 4 * most
+    }
+
+    /// Takes what another has found.
+    pub fn append(&mut self, other: &mut Self) {
+        self.casters.append(&mut other.casters);
+        self.moving.append(&mut other.moving);
+        self.resting.append(&mut other.resting);
+        self.has_receiver |= core::mem::take(&mut other.has_receiver);
+    }
+
+    /// Compares a mesh with what it was. `known_moving` have been found moving before: no map of what rests
+    /// holds them.
     pub fn compare(
         &mut self,
         it: &mut ChangingCasterItem,
         surroundings: &Surroundings,
         displaced: &EntityHashSet,
         known_moving: &MovingCasters,
-    ) -> bool {
+    ) {
         let state = it.state(surroundings, displaced);
         let updates = it.updates();
         let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
@@ -326,20 +350,5 @@ impl Found {
         if !is_same {
             *it.record.bypass_change_detection() = state;
         }
-        is_same
-    }
-
-    /// Notes a mesh, whatever it was.
-    pub fn note(
-        &mut self,
-        it: &mut ChangingCasterItem,
-        surroundings: &Surroundings,
-        displaced: &EntityHashSet,
-    ) {
-        let state = it.state(surroundings, displaced);
-        if it.is_restless(surroundings, displaced) && it.can_move(&state) {
-            self.moving.push(it.entity);
-        }
-        *it.record.bypass_change_detection() = state;
     }
 }

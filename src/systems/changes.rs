@@ -7,7 +7,7 @@ use bevy::{
         visibility::{NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers, VisibilityRange},
     },
     ecs::{
-        entity::Entity,
+        entity::{Entity, EntityHashSet},
         entity_disabling::Disabled,
         lifecycle::{Add, Remove, RemovedComponents},
         message::MessageReader,
@@ -86,10 +86,8 @@ impl ChangedCasters {
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
-/// If more meshes than this are written to in a frame in which too many had changed before, a few of them tell whether
-/// they still do.
-const MANY: usize = 2 * MOST;
-const FEW: usize = 256;
+/// Of meshes that may have changed, so many tell whether too many still do.
+const SAMPLE: usize = 256;
 
 /// Finds the meshes that have changed since the last frame.
 pub fn find_changes(
@@ -100,7 +98,7 @@ pub fn find_changes(
     lights: Query<(), With<ManagedLight>>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
-    mut local: Local<Parallel<(Vec<Entity>, Found)>>,
+    (mut found_by, mut restless_by): (Local<Parallel<Found>>, Local<Parallel<Vec<Entity>>>),
 ) {
     if lights.is_empty() {
         lost.clear();
@@ -112,18 +110,14 @@ pub fn find_changes(
     let changed = &mut *changed;
     let displaced = surroundings.displaced.get();
     let mut suspects = core::mem::take(&mut changed.late);
-    if let Ok(tables) = meshes.contiguous_par_iter() {
-        tables.for_each_init(
-            || local.borrow_local_mut(),
-            |found, table| table.suspects(&mut found.0),
-        );
-        for (found, _) in local.iter_mut() {
-            suspects.append(found);
-        }
+    if let Ok(tables) = meshes.contiguous_iter() {
+        tables.for_each(|table| table.suspects(&mut suspects));
     } else {
         // Never with components as Bevy stores them.
         suspects.extend(meshes.iter().map(|it| it.entity));
     }
+    suspects.extend(lost.read());
+    suspects.extend(displaced.iter());
     let mut found = Found {
         has_receiver: core::mem::take(&mut changed.has_receiver_gone),
         ..Found::default()
@@ -132,10 +126,10 @@ pub fn find_changes(
     found
         .casters
         .extend(removed.filter_map(|record| record.caster()));
-    if lost.updates.read().count() > 0 || core::mem::take(&mut changed.has_new_mask) {
+    let has_lost_updates = lost.updates.read().count() > 0;
+    if core::mem::take(&mut changed.has_new_mask) | has_lost_updates {
         found.casters.push(None);
     }
-    let with_lost = lost.read();
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
@@ -144,45 +138,67 @@ pub fn find_changes(
     }
 
     if changed.are_records_old {
-        let mut few = suspects.iter().take(FEW);
-        let still_changes = suspects.len() > MANY
-            && few.any(|entity| {
-                let it = meshes.get_mut(*entity);
-                it.is_ok_and(|mut it| {
-                    !found.compare(&mut it, &surroundings, &displaced, &changed.moving)
-                })
-            });
+        let step = suspects.len().div_ceil(SAMPLE).max(1);
+        let mut sample = Found::default();
+        let mut few = meshes.iter_many_mut(suspects.iter().step_by(step));
+        while let Some(it) = few.fetch_next() {
+            let Ok(mut it) = it else {
+                continue;
+            };
+            sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
+        }
         changed.forget();
-        if still_changes {
+        if sample.is_flood(MOST / step) {
             return;
         }
         meshes.par_iter_mut().for_each_init(
-            || local.borrow_local_mut(),
-            |found, mut it| found.1.note(&mut it, &surroundings, &displaced),
+            || restless_by.borrow_local_mut(),
+            |restless, mut it| {
+                if it.note(&surroundings, &displaced) {
+                    restless.push(it.entity);
+                }
+            },
         );
-        let moving = local
-            .iter_mut()
-            .flat_map(|(_, found)| found.moving.drain(..));
-        let moving: Vec<Entity> = moving.collect();
-        if moving.len() <= MOST {
-            changed.moving.update(moving);
+        let mut restless = Vec::new();
+        restless_by.drain_into(&mut restless);
+        if restless.len() <= MOST {
+            changed.moving.update(restless);
         }
         changed.are_records_old = false;
         return;
     }
 
-    suspects.extend(with_lost);
-    suspects.extend(displaced.iter());
-    for entity in suspects {
-        if let Ok(mut it) = meshes.get_mut(entity) {
+    if suspects.len() > MOST {
+        let suspects: EntityHashSet = suspects.into_iter().collect();
+        let suspects = meshes.par_iter_many_unique_mut(suspects);
+        suspects.for_each_init(
+            || found_by.borrow_local_mut(),
+            |found, it| match it {
+                Ok(mut it) if !found.is_flood(MOST) => {
+                    found.compare(&mut it, &surroundings, &displaced, &changed.moving);
+                }
+                _ => (),
+            },
+        );
+        found_by
+            .iter_mut()
+            .for_each(|of_thread| found.append(of_thread));
+    } else {
+        suspects.sort_unstable();
+        suspects.dedup();
+        let mut suspects = meshes.iter_many_mut(suspects);
+        while let Some(it) = suspects.fetch_next() {
+            let Ok(mut it) = it else {
+                continue;
+            };
             found.compare(&mut it, &surroundings, &displaced, &changed.moving);
         }
-        // What begins to move is in both places.
-        if found.moving.len() > MOST || found.casters.len() > 4 * MOST {
-            changed.are_records_old = true;
-            changed.forget();
-            return;
-        }
+    }
+    if found.is_flood(MOST) {
+        // Not all have been compared.
+        changed.are_records_old = true;
+        changed.forget();
+        return;
     }
     changed.have_receivers_changed = found.has_receiver;
     let stopped = found.resting.into_iter();

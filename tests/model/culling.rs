@@ -100,6 +100,30 @@ fn boxes_that_are_not_numbers_are_kept() {
         center: DVec3::NAN,
         half_axes: DMat3::IDENTITY
     }));
+    assert!(hull.intersects_sphere(DVec3::NAN, 1.0));
+    assert!(hull.intersects_sphere(1e9 * DVec3::X, f64::NAN));
+    assert!(hull.intersects_sphere(1e9 * DVec3::X, f64::INFINITY));
+}
+
+#[test]
+fn spheres_hold_sheared_boxes() {
+    for sheared in [0.0, 0.5, -3.0, 100.0] {
+        let bounds = OrientedBox {
+            center: DVec3::ZERO,
+            half_axes: DMat3::from_cols(
+                DVec3::X,
+                DVec3::new(sheared, 1.0, 0.0),
+                DVec3::new(0.0, -sheared, 2.0),
+            ),
+        };
+        let signs = [-1.0, 1.0];
+        let corners = signs
+            .iter()
+            .flat_map(|x| signs.map(|y| DVec3::new(*x, y, 1.0)));
+        for corner in corners {
+            assert!((bounds.half_axes * corner).length() <= bounds.radius() * (1.0 + 1e-12));
+        }
+    }
 }
 
 #[test]

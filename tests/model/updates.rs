@@ -10,8 +10,13 @@ use crate::lights::{app, camera, sun};
 
 /// Boxes of a meter on a square of 200 m.
 fn boxes(app: &mut App) -> Vec<Entity> {
-    let places = (0..40).flat_map(|x| (0..40).map(move |z| [x, z]));
-    let places = places.map(|place| place.map(|at| 5.0 * at as f32 - 100.0));
+    many_boxes(app, 40)
+}
+
+/// So many along each side of it.
+fn many_boxes(app: &mut App, count: usize) -> Vec<Entity> {
+    let places = (0..count).flat_map(|x| (0..count).map(move |z| [x, z]));
+    let places = places.map(|place| place.map(|at| 200.0 * at as f32 / count as f32 - 100.0));
     let world = app.world_mut();
     places
         .map(|[x, z]| {
@@ -119,4 +124,109 @@ fn what_has_come_to_rest_is_drawn_once_more() {
         .iter()
         .filter(|(is_moving, drawn)| !is_moving && *drawn > 0);
     assert_eq!(dearer.count(), 1);
+}
+
+/// Whether any map is drawn anew in the next frame.
+fn is_any_drawn(app: &mut App, view: Entity, light: Entity) -> bool {
+    app.update();
+    let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+    let mut maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+    maps.any(|map| map.redraw.is_some())
+}
+
+fn lift(app: &mut App, boxes: &[Entity], by: f32) {
+    for caster in boxes {
+        let mut at = app.world_mut().get_mut::<Transform>(*caster).unwrap();
+        at.translation.y += by;
+    }
+}
+
+/// After frames in which nothing could be told apart, few that change are told from many that are written to.
+#[test]
+fn floods_of_changes_pass() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let boxes = many_boxes(&mut app, 100);
+    // Nobody looks at them without a light.
+    app.update();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let still = ShadowUpdates::Never;
+    for caster in &boxes {
+        app.world_mut().entity_mut(*caster).insert(still);
+    }
+    let mover = boxes[50 * 100 + 45];
+    app.world_mut().entity_mut(mover).remove::<ShadowUpdates>();
+    let mut frame = |moved: &[Entity]| {
+        lift(&mut app, moved, 0.01);
+        is_any_drawn(&mut app, view, light)
+    };
+    for _ in 0..4 {
+        frame(&[mover]);
+    }
+    assert!(
+        (0..20).all(|_| !frame(&[mover])),
+        "it is drawn over what rests"
+    );
+    // Who says that it need not show has nothing drawn, however many there are.
+    assert!((0..20).all(|_| !frame(&boxes[..9000])));
+
+    for caster in &boxes {
+        app.world_mut()
+            .entity_mut(*caster)
+            .remove::<ShadowUpdates>();
+    }
+    let mut frame = |moved: &[Entity]| {
+        lift(&mut app, moved, 0.01);
+        is_any_drawn(&mut app, view, light)
+    };
+    for count in [4200, 5000, 10_000] {
+        assert!((0..10).all(|_| frame(&boxes[..count])), "{count} move");
+        for _ in 0..3 {
+            frame(&[]);
+        }
+        assert!((0..20).all(|_| !frame(&[])), "{count} have stopped");
+    }
+    // All that is written stays what it is.
+    let mut frame = || {
+        lift(&mut app, &boxes, 0.0);
+        is_any_drawn(&mut app, view, light)
+    };
+    assert!((0..10).all(|_| !frame()));
+}
+
+/// Boxes without end, and those that are sheared, are in the maps that they throw shadows into.
+#[test]
+fn boxes_of_any_shape_are_culled_right() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    boxes(&mut app);
+    let of_half = |half_extents: Vec3| {
+        let aabb = Aabb {
+            half_extents: half_extents.into(),
+            ..default()
+        };
+        (Mesh3d::default(), aabb, Visibility::default())
+    };
+    let world = app.world_mut();
+    let endless = world.spawn((
+        of_half(Vec3::INFINITY),
+        Transform::from_xyz(5000.0, 0.0, 0.0),
+    ));
+    let endless = endless.id();
+    // Its corners are a kilometer out, its axes half of that.
+    let stretched = world
+        .spawn((
+            Transform::from_xyz(1000.0, 30.0, 0.0).with_scale(Vec3::new(1000.0, 1.0, 1.0)),
+            Visibility::default(),
+        ))
+        .id();
+    let turned = Transform::from_rotation(Quat::from_rotation_z(core::f32::consts::FRAC_PI_4));
+    let sheared = world.spawn((of_half(Vec3::splat(0.7)), turned, ChildOf(stretched)));
+    let sheared = sheared.id();
+    app.update();
+    let casters = app.world().get::<CasterCascades>(light).unwrap();
+    for caster in [endless, sheared] {
+        assert!(casters.get(view, caster).is_some(), "{caster}");
+    }
 }
