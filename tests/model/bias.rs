@@ -144,6 +144,12 @@ fn the_automatic_bias_has_parts_for_walls_and_bends() {
         approx::assert_relative_eq!(texels(steep.at(-uphill)), expected, max_relative = 1e-3);
         assert_eq!(steep.offset, 0.0);
     }
+    // On a gentle slope, uphill, a wall is no higher a texel away than half a texel.
+    let gentle = of(along + DVec3::Y);
+    for away in [0.5, 1.0] {
+        let rise = gentle.at(away * DVec2::NEG_X) - gentle.rounding;
+        approx::assert_relative_eq!(texels(rise), WALL_SLOPE, max_relative = 1e-3);
+    }
     // Nearly edge-on: slope and offset together clear the plane as a greater slope would, and the
     // offset stays below a texel.
     for steepness in [20.0, 100.0, 1e6] {

@@ -89,6 +89,18 @@ fn spheres_count_where_they_reach_the_hull() {
     assert!(!hull.intersects_sphere(beside, 0.4));
 }
 
+/// A quarter of a turn about z takes what is long along y to x.
+#[test]
+fn turned_boxes_count_where_they_reach_the_hull() {
+    let hull = CasterHull::new(&ConvexBody::of_box(-DVec3::ONE, DVec3::ONE), DVec3::Y, 0.0);
+    let turned = |half: DVec3| OrientedBox {
+        center: DVec3::new(4.0, 40.0, 0.0),
+        half_axes: DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z) * DMat3::from_diagonal(half),
+    };
+    assert!(hull.intersects_box(&turned(DVec3::new(1.0, 4.0, 1.0))));
+    assert!(!hull.intersects_box(&turned(DVec3::new(4.0, 1.0, 1.0))));
+}
+
 #[test]
 fn boxes_that_are_not_numbers_are_kept() {
     let hull = CasterHull::new(

@@ -687,6 +687,18 @@ fn what_is_held_long_has_something_to_spare() {
     }
 }
 
+/// What grows steadily leaves more room each time, so that it grows less often.
+#[test]
+fn what_keeps_growing_changes_seldom() {
+    let mut held = Kept::with(Hold::LONG);
+    // By thirty steps in all.
+    let mut lengths: Vec<f64> = (0..=300)
+        .map(|tenth| Slack(0.1).round_up(1.1_f64.powf(0.1 * f64::from(tenth)), &mut held))
+        .collect();
+    lengths.dedup();
+    assert!(lengths.len() <= 12, "{lengths:?}");
+}
+
 fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
     let mut boxes = PartBoxes::default();
     triangles().for_each(|triangle| boxes.measure(triangle));
@@ -751,6 +763,28 @@ fn slices_have_what_lies_at_their_ends() {
     let map = plans[0].map.as_ref().expect("it is at the slice's end");
     let ndc = map.clip_from_world.project_point3(100.0002 * DVec3::NEG_Z);
     assert!(ndc.truncate().abs().max_element() < 1.0 && (0.0..1.0).contains(&ndc.z));
+}
+
+/// What rounding has moved out of a view, far from the origin, is still seen.
+#[test]
+fn views_have_what_lies_on_their_borders() {
+    for distance in [1e3, 1e4, 1e5, 1e6] {
+        let view = ViewVolume {
+            eye: distance * DVec3::X,
+            axes: DMat3::IDENTITY,
+            min: [DVec2::ZERO, DVec2::NEG_ONE],
+            max: [DVec2::ZERO, DVec2::ONE],
+            near: 0.0,
+            far: f64::INFINITY,
+        };
+        let thing = Thing {
+            center: in_picture(&view, DVec2::X, 2.0) + 4.0 * f64::EPSILON * view.eye,
+            half: DVec3::ZERO,
+        };
+        let slice = view.slice(1.0, 3.0).expect("not empty");
+        let found = receivers_of(&view, &[thing]).in_slices([Some(&slice)])[0];
+        assert!(!found.is_empty(), "{distance}");
+    }
 }
 
 /// No cascade gives way before it has taken over, wherever shadows would begin to fade.
@@ -890,6 +924,28 @@ fn budgets_are_shared() {
         plans.iter().map(|plan| plan.map_size).collect()
     };
     assert_eq!(sizes(&scene)[..3], sizes(&ground(12.0, -0.3))[..3]);
+}
+
+/// However long and thin what is seen is, its map takes no more than its share.
+#[test]
+fn flat_maps_keep_to_budgets() {
+    const BUDGET: u32 = 2 * 128 * 128;
+    let strip = Thing {
+        center: DVec3::new(0.0, -3.0, -100.0),
+        half: DVec3::new(20.0, 0.5, 0.5),
+    };
+    let config = ParallelSplitShadows {
+        cascades: 2,
+        fit: CascadeFit::Tight,
+        splits: SplitScheme::Manual(vec![50.0]),
+        map_size: MapSize::Budget(BUDGET),
+        ..Default::default()
+    };
+    let plans = before_the_eye(vec![NEAR_BY, strip]).plan(&config, DVec3::new(0.0, 1.0, 0.1));
+    assert_eq!(fits_of(&plans), [MapFit::Tight; 2]);
+    let sizes: Vec<UVec2> = plans.iter().map(|plan| plan.map_size).collect();
+    let texels: u32 = sizes.iter().map(|size| size.element_product()).sum();
+    assert!(texels <= BUDGET, "{sizes:?}");
 }
 
 /// Even without slack: with the largest map all memory is allocated anew.

@@ -293,6 +293,34 @@ fn a_moved_world_moves_no_texel() {
     }
 }
 
+/// Maps do not depend on where in the world their scene stands, grids and all.
+#[test]
+fn a_world_elsewhere_gets_the_same_maps() {
+    // Exact in `f32`, as is where the eye is then, and no multiple of any step.
+    let origin = DVec3::new(-37.0, 9.5, 21.25);
+    let shot = Shot {
+        eye: DVec3::new(0.0, 1.75, 0.0),
+        pitch: -0.2,
+        yaw: 0.3,
+        ..STANDING
+    };
+    let point = shot.eye + DVec3::new(0.0, -1.7, -3.0);
+    for fit in [CascadeFit::Tight, CascadeFit::Warped(MapWarp::Minimax)] {
+        let config = with(fit.clone());
+        let here = shot.fresh(&config);
+        let there = shot.plan(&config, origin, &mut PlanHistory::default());
+        for (here, there) in here.iter().zip(&there) {
+            let ndc = |plan: &CascadePlan, point: DVec3| {
+                let map = plan.map.as_ref().expect("the ground is seen");
+                map.clip_from_world.project_point3(point).truncate()
+            };
+            let apart = 0.5 * (ndc(here, point) - ndc(there, point + origin));
+            let apart = (apart * here.map_size.as_dvec2()).abs().max_element();
+            assert!(apart < 1e-6, "{fit:?}: {apart}");
+        }
+    }
+}
+
 /// Where houses line a street along the light's axes, a warp gives way to a finer tight map.
 #[test]
 fn a_warp_knows_the_map_it_competes_with() {

@@ -222,11 +222,18 @@ fn boxes_of_any_shape_are_culled_right() {
         ))
         .id();
     let turned = Transform::from_rotation(Quat::from_rotation_z(core::f32::consts::FRAC_PI_4));
-    let sheared = world.spawn((of_half(Vec3::splat(0.7)), turned, ChildOf(stretched)));
+    let sheared = world.spawn((
+        of_half(Vec3::new(0.8, 0.8, 100.0)),
+        turned,
+        ChildOf(stretched),
+    ));
     let sheared = sheared.id();
     app.update();
     let casters = app.world().get::<CasterCascades>(light).unwrap();
     for caster in [endless, sheared] {
-        assert!(casters.get(view, caster).is_some(), "{caster}");
+        assert!(
+            casters.get(view, caster).is_some(),
+            "{caster}: {endless}, {sheared}"
+        );
     }
 }
