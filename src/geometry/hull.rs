@@ -4,6 +4,42 @@ use glam::DVec3;
 
 use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 
+/// A sphere on its way to the light, from where it stands: what is far from all of that throws no shadow into it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sweep {
+    center: DVec3,
+    radius: f64,
+    to_light: DVec3,
+}
+
+impl Sweep {
+    const EVERYWHERE: Self = Self {
+        center: DVec3::ZERO,
+        radius: f64::INFINITY,
+        to_light: DVec3::ZERO,
+    };
+
+    /// One that holds both. `None` if they go different ways.
+    pub fn and(self, other: Self) -> Option<Self> {
+        let apart = self.center.distance(other.center);
+        (self.to_light == other.to_light).then_some(Self {
+            radius: self.radius.max(apart + other.radius),
+            ..self
+        })
+    }
+
+    /// Whether a sphere lies beyond it, wherever that is on its way to the light. Not if either is no number.
+    pub fn is_far(&self, center: DVec3, radius: f64) -> bool {
+        const ROUNDING: f64 = 1e-12;
+        // `f64::max` would drop what is no number.
+        let at_least_0 = |length: f64| if length < 0.0 { 0.0 } else { length };
+        let offset = center - self.center;
+        let along = at_least_0(offset.dot(self.to_light));
+        let reach = at_least_0(self.radius + radius);
+        offset.length_squared() * (1.0 - ROUNDING) - along * along > reach * reach
+    }
+}
+
 /// Every place from which a caster can throw a shadow into a convex body.
 ///
 /// Faces that look away from the light bound the volume as they are; faces that look towards it
@@ -12,11 +48,8 @@ use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 pub struct CasterHull {
     /// The bounding planes.
     pub planes: Vec<HalfSpace>,
-    /// A sphere that holds the body, grown by the margin: what is beyond all of its way to the light matters to
-    /// nothing in it.
-    center: DVec3,
-    radius: f64,
-    to_light: DVec3,
+    /// A sphere that holds the body, grown by the margin.
+    pub sweep: Sweep,
 }
 
 impl Default for CasterHull {
@@ -24,9 +57,7 @@ impl Default for CasterHull {
     fn default() -> Self {
         Self {
             planes: Vec::new(),
-            center: DVec3::ZERO,
-            radius: f64::INFINITY,
-            to_light: DVec3::ZERO,
+            sweep: Sweep::EVERYWHERE,
         }
     }
 }
@@ -84,12 +115,12 @@ impl CasterHull {
         }
         let corners = body.corners.iter();
         let radius = corners.fold(0.0, |radius, corner| inside.distance(*corner).max(radius));
-        Self {
-            planes,
+        let sweep = Sweep {
             center: inside,
             radius: radius + margin,
             to_light,
-        }
+        };
+        Self { planes, sweep }
     }
 
     /// The hull of the body on its way along a vector in world space (meters): conservative, as it
@@ -98,7 +129,7 @@ impl CasterHull {
         for plane in &mut self.planes {
             plane.distance += plane.normal.dot(along).max(0.0);
         }
-        self.radius += along.length();
+        self.sweep.radius += along.length();
         self
     }
 
@@ -114,25 +145,13 @@ impl CasterHull {
             && body
                 .corners
                 .iter()
-                .all(|corner| !self.is_far(*corner, -margin))
-    }
-
-    /// Whether a sphere lies beyond the one that holds the body, wherever that is on its way to the light. Not if
-    /// either is no number.
-    fn is_far(&self, center: DVec3, radius: f64) -> bool {
-        const ROUNDING: f64 = 1e-12;
-        // `f64::max` would drop what is no number.
-        let at_least_0 = |length: f64| if length < 0.0 { 0.0 } else { length };
-        let offset = center - self.center;
-        let along = at_least_0(offset.dot(self.to_light));
-        let reach = at_least_0(self.radius + radius);
-        offset.length_squared() * (1.0 - ROUNDING) - along * along > reach * reach
+                .all(|corner| !self.sweep.is_far(*corner, -margin))
     }
 
     /// Whether an oriented box can reach the hull. Conservative: never false for one that does.
     pub fn intersects_box(&self, bounds: &OrientedBox) -> bool {
         // A box that is not a number is outside of no plane.
-        !self.is_far(bounds.center, bounds.radius())
+        !self.sweep.is_far(bounds.center, bounds.radius())
             && !self.planes.iter().any(|plane| {
                 plane.normal.dot(bounds.center) - bounds.reach(plane.normal) > plane.distance
             })
@@ -141,7 +160,7 @@ impl CasterHull {
     /// As [`CasterHull::intersects_box`], for a sphere in world space: worth asking first, as most
     /// casters are far off.
     pub fn intersects_sphere(&self, center: DVec3, radius: f64) -> bool {
-        !self.is_far(center, radius)
+        !self.sweep.is_far(center, radius)
             && !self
                 .planes
                 .iter()

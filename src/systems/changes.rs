@@ -98,6 +98,7 @@ pub fn find_changes(
     lights: Query<(), With<ManagedLight>>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
+    mut suspects: Local<Vec<Entity>>,
     (mut found_by, mut restless_by): (Local<Parallel<Found>>, Local<Parallel<Vec<Entity>>>),
 ) {
     if lights.is_empty() {
@@ -109,7 +110,8 @@ pub fn find_changes(
     }
     let changed = &mut *changed;
     let displaced = surroundings.displaced.get();
-    let mut suspects = core::mem::take(&mut changed.late);
+    suspects.clear();
+    suspects.append(&mut changed.late);
     if let Ok(tables) = meshes.contiguous_iter() {
         tables.for_each(|table| table.suspects(&mut suspects));
     } else {
@@ -169,7 +171,7 @@ pub fn find_changes(
     }
 
     if suspects.len() > MOST {
-        let suspects: EntityHashSet = suspects.into_iter().collect();
+        let suspects: EntityHashSet = suspects.drain(..).collect();
         let suspects = meshes.par_iter_many_unique_mut(suspects);
         suspects.for_each_init(
             || found_by.borrow_local_mut(),
@@ -186,7 +188,7 @@ pub fn find_changes(
     } else {
         suspects.sort_unstable();
         suspects.dedup();
-        let mut suspects = meshes.iter_many_mut(suspects);
+        let mut suspects = meshes.iter_many_mut(&*suspects);
         while let Some(it) = suspects.fetch_next() {
             let Ok(mut it) = it else {
                 continue;

@@ -10,96 +10,35 @@ use bevy::{
         },
     },
     ecs::{
-        component::Component,
-        entity::{Entity, EntityHashMap, EntityHashSet},
+        entity::{Entity, EntityHashSet},
         query::{Has, QueryData, With, Without},
-        system::{Local, ParamSet, Query, Res},
+        system::{ParamSet, Query, Res},
     },
     light::{Cascades, DirectionalLight, NotShadowCaster, SpotLight},
     mesh::Mesh3d,
     shape::ViewFrustum,
+    tasks::ComputeTaskPool,
     transform::components::GlobalTransform,
-    utils::Parallel,
 };
 
 use super::{
-    ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
+    CascadeSet, CasterCascades, ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
     bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, world_bounds},
     moving::MovingCasters,
     publish::{empty_cascade, published_cascade},
 };
 use crate::{
-    config::{CasterCulling, MAX_CASCADES, MapUpdates},
-    geometry::hull::CasterHull,
+    config::{CasterCulling, MapUpdates},
+    geometry::hull::{CasterHull, Sweep},
     plan::{CascadeMap, CascadePlan},
     support::ShadowSupport,
 };
 
-/// The cascades that a caster is drawn into.
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-pub struct CascadeSet(u8);
-
-impl CascadeSet {
-    /// Whether a cascade is one of them.
-    pub fn contains(self, cascade: usize) -> bool {
-        cascade < MAX_CASCADES && self.0 & (1 << cascade) != 0
-    }
-
-    /// Their indices, in order.
-    pub fn iter(self) -> impl Iterator<Item = usize> {
-        (0..MAX_CASCADES).filter(move |index| self.contains(*index))
-    }
-
-    fn of(cascades: impl Iterator<Item = usize>) -> Self {
-        Self(cascades.fold(0, |set, index| set | (1 << index)))
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
-    fn or(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    fn without(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
-    }
-
-    fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-}
-
-/// Where a managed light draws its casters, for each active 3D camera.
-#[derive(Component, Debug, Default, Clone)]
-pub struct CasterCascades {
-    /// By camera: casters that maps hold, in the order of their entities. Casters that are drawn into no
-    /// cascade are absent, and those with `NoCpuCulling`, which only the GPU culls.
-    pub views: EntityHashMap<Vec<(Entity, CascadeSet)>>,
-    /// By camera: casters that move, in the order of their entities. They are drawn over maps in each frame.
-    pub moving: EntityHashMap<Vec<(Entity, CascadeSet)>>,
-}
-
-impl CasterCascades {
-    /// The cascades that `caster` is drawn into for camera `view`; `None` if it is in none.
-    pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeSet> {
-        [&self.views, &self.moving].into_iter().find_map(|views| {
-            let casters = views.get(&view)?;
-            let index = casters
-                .binary_search_by_key(&caster, |(entity, _)| *entity)
-                .ok()?;
-            Some(casters[index].1)
-        })
-    }
-}
-
 #[derive(QueryData)]
-#[query_data(mutable)]
+#[query_data(contiguous(all))]
 pub struct Caster {
     entity: Entity,
     inherited: &'static InheritedVisibility,
-    visibility: &'static mut ViewVisibility,
     layers: Option<&'static RenderLayers>,
     aabb: Option<&'static Aabb>,
     transform: Option<&'static GlobalTransform>,
@@ -141,6 +80,42 @@ struct Culling<'a> {
 }
 
 impl Culling<'_> {
+    /// What some of the cascades' maps are for, on its way to the light.
+    fn sweeps(&self, among: CascadeSet) -> Vec<Sweep> {
+        let mut sweeps: Vec<Sweep> = Vec::new();
+        // The largest first, for it holds most of the others.
+        for index in (0..self.plan.len())
+            .rev()
+            .filter(|index| among.contains(*index))
+        {
+            let Some(map) = &self.plan[index].map else {
+                continue;
+            };
+            let sweep = map.hull.sweep;
+            let both = sweeps.iter_mut().find_map(|it| {
+                *it = it.and(sweep)?;
+                Some(())
+            });
+            if both.is_none() {
+                sweeps.push(sweep);
+            }
+        }
+        sweeps
+    }
+
+    /// Whether a caster is not far from all of the sweeps: most are.
+    fn is_near(&self, caster: &CasterItem, sweeps: &[Sweep]) -> bool {
+        let (Some(aabb), Some(transform)) = (caster.aabb, caster.transform) else {
+            return true;
+        };
+        if !self.is_on || caster.is_unculled {
+            return true;
+        }
+        let margin = Margin::of(caster.entity, caster.margin, self.displaced);
+        let (center_ws, radius) = bounding_sphere(aabb, &transform.affine(), margin);
+        sweeps.iter().any(|sweep| !sweep.is_far(center_ws, radius))
+    }
+
     /// Those of the cascades that a caster matters to, by one of the hulls of their maps.
     fn cascades(
         &self,
@@ -179,6 +154,54 @@ impl Culling<'_> {
     }
 }
 
+/// Rows of a table that are looked over together.
+const ROWS: usize = 4096;
+
+/// Casters that maps of some cascades hold, and those.
+fn cull(
+    casters: &Query<Caster, IsCaster>,
+    culling: &Culling,
+    among: CascadeSet,
+) -> Vec<(Entity, CascadeSet)> {
+    let found = |caster: &CasterItem| {
+        let cascades = culling.cascades(caster, among, |map| &map.hull);
+        (!cascades.is_empty()).then_some((caster.entity, cascades))
+    };
+    let Ok(tables) = casters.contiguous_iter() else {
+        // Never with components as Bevy stores them.
+        return casters.iter().filter_map(|it| found(&it)).collect();
+    };
+    let sweeps = culling.sweeps(among);
+    let tables: Vec<_> = tables.collect();
+    let all = ComputeTaskPool::get().scope(|scope| {
+        for table in &tables {
+            for first in (0..table.entity.len()).step_by(ROWS) {
+                let rows = first..table.entity.len().min(first + ROWS);
+                let near = rows.map(|row| table.row(row));
+                let near = near.filter(|caster| culling.is_near(caster, &sweeps));
+                let found = near.filter_map(|caster| found(&caster));
+                scope.spawn(async move { found.collect::<Vec<_>>() });
+            }
+        }
+    });
+    all.concat()
+}
+
+impl CasterContiguousItem<'_, '_> {
+    fn row(&self, row: usize) -> CasterItem<'_, '_> {
+        CasterItem {
+            entity: self.entity[row],
+            inherited: &self.inherited[row],
+            layers: self.layers.map(|it| &it[row]),
+            aabb: self.aabb.map(|it| &it[row]),
+            transform: self.transform.map(|it| &it[row]),
+            margin: self.margin.map(|it| &it[row]),
+            has_range: self.has_range,
+            is_unculled: self.is_unculled,
+        }
+    }
+}
+
 /// Finds the casters of each cascade, and publishes cascades, frusta and lists in Bevy's
 /// components. Runs in [`PssmSystems::CullCasters`](super::PssmSystems::CullCasters).
 pub fn cull_casters(
@@ -191,7 +214,6 @@ pub fn cull_casters(
     displaced: Res<DisplacedMeshes>,
     support: Res<ShadowSupport>,
     changed: Res<ChangedCasters>,
-    mut found: Local<Parallel<Vec<(Entity, CascadeSet)>>>,
 ) {
     let displaced = displaced.get();
     let none_moving = MovingCasters::default();
@@ -251,6 +273,9 @@ pub fn cull_casters(
             };
             let mut visibilities = casters.p1();
             let mut with_lost = CascadeSet::default();
+            if held.is_empty() {
+                known.clear();
+            }
             known.retain_mut(|(caster, cascades)| {
                 *cascades = cascades.and(held);
                 match visibilities.get_mut(*caster) {
@@ -277,21 +302,15 @@ pub fn cull_casters(
             };
             let culled = mapped.without(held);
             if !culled.is_empty() {
-                casters.p0().par_iter_mut().for_each_init(
-                    || found.borrow_local_mut(),
-                    |found, mut caster| {
-                        if moving.contains(caster.entity) {
-                            return;
-                        }
-                        let cascades = culling.cascades(&caster, culled, |map| &map.hull);
-                        if !cascades.is_empty() {
-                            caster.visibility.set_visible();
-                            found.push((caster.entity, cascades));
-                        }
-                    },
-                );
-
-                found.drain_into(known);
+                let found = cull(&casters.p0(), &culling, culled);
+                let mut visibilities = casters.p1();
+                let found = found.into_iter().filter(|(it, _)| !moving.contains(*it));
+                for (caster, cascades) in found {
+                    if let Ok((_, mut visibility)) = visibilities.get_mut(caster) {
+                        visibility.set_visible();
+                    }
+                    known.push((caster, cascades));
+                }
                 known.sort_unstable_by_key(|(entity, _)| *entity);
                 known.dedup_by(|(entity, more), (kept, cascades)| {
                     let is_same = entity == kept;
@@ -304,15 +323,16 @@ pub fn cull_casters(
             if is_split {
                 let over = of_views.entry(*view).or_default();
                 over.clear();
-                let mut movable = casters.p0();
-                for caster in moving.iter() {
-                    let Ok(mut caster) = movable.get_mut(caster) else {
-                        continue;
-                    };
+                let movable = casters.p0();
+                over.extend(moving.iter().filter_map(|caster| {
+                    let caster = movable.get(caster).ok()?;
                     let cascades = culling.cascades(&caster, mapped, |map| &map.hull_now);
-                    if !cascades.is_empty() {
-                        caster.visibility.set_visible();
-                        over.push((caster.entity, cascades));
+                    (!cascades.is_empty()).then_some((caster.entity, cascades))
+                }));
+                let mut visibilities = casters.p1();
+                for (caster, _) in over.iter() {
+                    if let Ok((_, mut visibility)) = visibilities.get_mut(*caster) {
+                        visibility.set_visible();
                     }
                 }
                 over.sort_unstable_by_key(|(entity, _)| *entity);

@@ -1,6 +1,7 @@
 //! Thin ECS systems: what is configured, what is planned and which casters are drawn.
 
 mod bounds;
+mod caster_cascades;
 mod caster_state;
 mod changes;
 mod cull;
@@ -14,9 +15,10 @@ mod plan;
 mod publish;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
+pub use caster_cascades::{CascadeSet, CasterCascades};
 pub use caster_state::ShadowUpdates;
 pub use changes::{ChangedCasters, find_changes};
-pub use cull::{CascadeSet, CasterCascades, cull_casters};
+pub use cull::cull_casters;
 pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};

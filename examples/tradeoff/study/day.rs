@@ -183,7 +183,7 @@ impl Studio {
             let samples = tracer.picture(&lens, interval.to_sun(start, frame as f64));
             let light = |sample: &Sample| f32::from(u8::from(sample.lit));
             let shares = samples.iter().map(|it| it.as_ref().map(light)).collect();
-            Truth::new(lens.clone(), samples, shares)
+            Truth::new(lens, samples, shares)
         });
         Course {
             interval,
