@@ -223,20 +223,14 @@ struct Base(GlobalTransform);
 fn advance(world: &mut World, moves: Moves, frame: u64) {
     let turn = Quat::from_rotation_y(0.01);
     // To and fro: what cameras see is not worked out anew.
-    let swing = (frame % 20) as f32 - 10.0;
-    let swing = if moves == Moves::Camera {
-        swing.abs()
-    } else {
-        0.0
+    let swing = match moves {
+        Moves::Camera => 0.01 * ((frame % 20) as f32 - 10.0).abs(),
+        _ => 0.0,
     };
+    let swing = Transform::from_rotation(Quat::from_rotation_y(swing));
     let mut cameras = world.query::<(&mut GlobalTransform, &Base)>();
     for (mut at, base) in cameras.iter_mut(world) {
-        at.set_if_neq(
-            base.0
-                .mul_transform(Transform::from_rotation(Quat::from_rotation_y(
-                    0.01 * swing,
-                ))),
-        );
+        at.set_if_neq(base.0.mul_transform(swing));
     }
     let step = match moves {
         Moves::All => 1,
@@ -261,7 +255,7 @@ fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
     };
     for view in 0..views {
         let side = 1.0 - 2.0 * view as f32;
-        let eye = Transform::from_xyz(0.0, 20.0, 0.0);
+        let eye = Transform::from_xyz(0.0, 20.0, 0.0).looking_to(Vec3::NEG_Z * side, Vec3::Y);
         world.spawn((
             Camera3d::default(),
             Camera {
@@ -269,8 +263,8 @@ fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
                 order: view as isize,
                 ..default()
             },
-            eye.looking_to(Vec3::NEG_Z * side, Vec3::Y),
-            Base(eye.looking_to(Vec3::NEG_Z * side, Vec3::Y).into()),
+            eye,
+            Base(eye.into()),
         ));
         world.spawn((
             DirectionalLight {

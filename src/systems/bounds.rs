@@ -89,28 +89,15 @@ pub(super) fn bounding_sphere(
     world_from_local: &Affine3A,
     margin: Margin,
 ) -> (DVec3, f64) {
-    let matrix = &world_from_local.matrix3;
-    let local_half = aabb.half_extents;
-    let [x_ws, y_ws, z_ws] = [
-        matrix.x_axis * local_half.x,
-        matrix.y_axis * local_half.y,
-        matrix.z_axis * local_half.z,
-    ];
-    let squares = x_ws.length_squared() + y_ws.length_squared() + z_ws.length_squared();
-    let shear = x_ws.dot(y_ws).abs() + y_ws.dot(z_ws).abs() + z_ws.dot(x_ws).abs();
-    let diagonal = 1.001 * f64::from(squares + 2.0 * shear).sqrt();
+    let bounds = world_bounds(aabb, world_from_local, Margin::None);
+    let diagonal = bounds.radius();
     // Boxes along the world's axes, with margins around them, are longer than their content.
     let radius = match margin {
         Margin::None => diagonal,
         Margin::Meters(meters) => 2.0 * (diagonal + meters),
         Margin::OwnSize => 4.0 * diagonal,
     };
-    let local_center = aabb.center.as_dvec3();
-    let center_ws = matrix.x_axis.as_dvec3() * local_center.x
-        + matrix.y_axis.as_dvec3() * local_center.y
-        + matrix.z_axis.as_dvec3() * local_center.z
-        + world_from_local.translation.as_dvec3();
-    (center_ws, radius)
+    (bounds.center, radius)
 }
 
 /// A local box in world space, with a margin around it.

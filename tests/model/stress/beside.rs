@@ -270,7 +270,6 @@ fn print_row(world: &str, ours: &str, built_in: &str) {
 /// Its rows: points lost (%), texels that lookups are off by at most, and texels over the picture's
 /// height at the median point; or what is said.
 #[test]
-#[ignore = "prints a table"]
 fn bevys_built_in_beside_ours() {
     print_row("world", "bevy_pssm", "Bevy's built-in");
     print_row("---", "---", "---");
