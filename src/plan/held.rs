@@ -31,6 +31,9 @@ pub enum CasterChanges {
     Anywhere,
     /// Where they were, and where they are.
     At(Vec<OrientedBox>),
+    /// The same, or `None` for anywhere: some are drawn over maps no more, and are in none yet. Maps that are to
+    /// hold them cannot wait.
+    AtOnce(Option<Vec<OrientedBox>>),
 }
 
 /// What a cascade's layer holds.
@@ -119,8 +122,8 @@ impl HeldMap {
     /// Whether casters have changed that it holds, or that matter to what is seen.
     fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
         match inputs.changes {
-            CasterChanges::Anywhere => true,
-            CasterChanges::At(changed) => changed
+            CasterChanges::Anywhere | CasterChanges::AtOnce(None) => true,
+            CasterChanges::At(changed) | CasterChanges::AtOnce(Some(changed)) => changed
                 .iter()
                 .any(|bounds| self.map.hull.intersects_box(bounds)),
         }
@@ -200,7 +203,9 @@ pub(super) fn hold(
     });
     if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
         let waited = held.owed.map_or(0, |(_, frames)| frames);
-        if held.size == size && turn.is_for_another(inputs, index, (due, waited)) {
+        let is_urgent =
+            matches!(inputs.changes, CasterChanges::AtOnce(_)) && held.has_stale_casters(inputs);
+        if held.size == size && !is_urgent && turn.is_for_another(inputs, index, (due, waited)) {
             held.owed = Some((due, waited + 1));
             redraw = None;
         }

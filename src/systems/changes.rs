@@ -50,6 +50,8 @@ pub struct ChangedCasters {
     late: Vec<Entity>,
     /// Whether meshes may have changed since their records were made.
     are_records_old: bool,
+    /// Some of the meshes, whose records are of the last frame then.
+    sample: Vec<Entity>,
 }
 
 impl ChangedCasters {
@@ -69,8 +71,12 @@ impl ChangedCasters {
 
     /// Takes it that everything has changed.
     fn forget(&mut self) {
+        self.changes = if self.moving.len() > 0 {
+            CasterChanges::AtOnce(None)
+        } else {
+            CasterChanges::Anywhere
+        };
         self.moving.clear();
-        self.changes = CasterChanges::Anywhere;
         self.have_receivers_changed = true;
     }
 
@@ -86,7 +92,7 @@ impl ChangedCasters {
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
-/// Of meshes that may have changed, so many tell whether too many still do.
+/// While records are old, so many of the meshes that may have changed tell whether too many still do.
 const SAMPLE: usize = 256;
 
 /// Finds the meshes that have changed since the last frame.
@@ -141,16 +147,24 @@ pub fn find_changes(
 
     if changed.are_records_old {
         let step = suspects.len().div_ceil(SAMPLE).max(1);
-        let mut sample = Found::default();
-        let mut few = meshes.iter_many_mut(suspects.iter().step_by(step));
-        while let Some(it) = few.fetch_next() {
-            let Ok(mut it) = it else {
-                continue;
-            };
-            sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
+        let mut of_sample = Found::default();
+        let mut sample = meshes.iter_many_mut(&changed.sample);
+        while let Some(it) = sample.fetch_next() {
+            if let Ok(mut it) = it {
+                of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
+            }
         }
+        let is_known = !changed.sample.is_empty();
         changed.forget();
-        if sample.is_flood(MOST / step) {
+        changed.sample.clear();
+        if suspects.len() > MOST && (!is_known || of_sample.is_flood(MOST / step)) {
+            changed.sample.extend(suspects.iter().step_by(step));
+            let mut sample = meshes.iter_many_mut(&changed.sample);
+            while let Some(it) = sample.fetch_next() {
+                if let Ok(mut it) = it {
+                    it.note(&surroundings, &displaced);
+                }
+            }
             return;
         }
         meshes.par_iter_mut().for_each_init(
@@ -190,10 +204,9 @@ pub fn find_changes(
         suspects.dedup();
         let mut suspects = meshes.iter_many_mut(&*suspects);
         while let Some(it) = suspects.fetch_next() {
-            let Ok(mut it) = it else {
-                continue;
-            };
-            found.compare(&mut it, &surroundings, &displaced, &changed.moving);
+            if let Ok(mut it) = it {
+                found.compare(&mut it, &surroundings, &displaced, &changed.moving);
+            }
         }
     }
     if found.is_flood(MOST) {
@@ -205,18 +218,24 @@ pub fn find_changes(
     changed.have_receivers_changed = found.has_receiver;
     let stopped = found.resting.into_iter();
     let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
-    let resting = changed.moving.update(found.moving);
-    let too_many = found.casters.len() > MOST || changed.moving.len() > MOST;
-    if changed.moving.len() > MOST {
+    let mut released = changed.moving.update(found.moving);
+    released.extend(stopped);
+    let are_too_many = changed.moving.len() > MOST;
+    if are_too_many {
         changed.moving.clear();
     }
-    let resting = resting.into_iter().chain(stopped);
-    let resting = resting.filter_map(|caster| meshes.get(caster).ok()?.record.caster());
-    let casters = found.casters.into_iter().chain(resting);
-    let bounds: Option<Vec<_>> = casters.filter(|_| !too_many).collect();
+    let is_urgent = are_too_many || !released.is_empty();
+    let bounds = if are_too_many || found.casters.len() > MOST {
+        None
+    } else {
+        let released = released.into_iter();
+        let released = released.filter_map(|caster| meshes.get(caster).ok()?.record.caster());
+        found.casters.into_iter().chain(released).collect()
+    };
     changed.changes = match bounds {
-        Some(bounds) if !too_many => CasterChanges::At(bounds),
-        _ => CasterChanges::Anywhere,
+        _ if is_urgent => CasterChanges::AtOnce(bounds),
+        Some(bounds) => CasterChanges::At(bounds),
+        None => CasterChanges::Anywhere,
     };
 }
 

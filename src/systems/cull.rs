@@ -17,7 +17,7 @@ use bevy::{
     light::{Cascades, DirectionalLight, NotShadowCaster, SpotLight},
     mesh::Mesh3d,
     shape::ViewFrustum,
-    tasks::ComputeTaskPool,
+    tasks::{ComputeTaskPool, TaskPool},
     transform::components::GlobalTransform,
 };
 
@@ -52,6 +52,7 @@ type IsCaster = (
     Without<DirectionalLight>,
     Without<NoCpuCulling>,
     With<Mesh3d>,
+    With<ViewVisibility>,
 );
 
 #[derive(QueryData)]
@@ -154,7 +155,7 @@ impl Culling<'_> {
     }
 }
 
-/// Rows of a table that are looked over together.
+/// Rows of tables that are looked over together.
 const ROWS: usize = 4096;
 
 /// Casters that maps of some cascades hold, and those.
@@ -173,15 +174,28 @@ fn cull(
     };
     let sweeps = culling.sweeps(among);
     let tables: Vec<_> = tables.collect();
-    let all = ComputeTaskPool::get().scope(|scope| {
-        for table in &tables {
-            for first in (0..table.entity.len()).step_by(ROWS) {
-                let rows = first..table.entity.len().min(first + ROWS);
-                let near = rows.map(|row| table.row(row));
-                let near = near.filter(|caster| culling.is_near(caster, &sweeps));
-                let found = near.filter_map(|caster| found(&caster));
-                scope.spawn(async move { found.collect::<Vec<_>>() });
+    // Many a table has few rows.
+    let (mut batches, mut batch, mut rows) = (Vec::new(), Vec::new(), 0);
+    for table in &tables {
+        for first in (0..table.entity.len()).step_by(ROWS) {
+            let piece = first..table.entity.len().min(first + ROWS);
+            if rows + piece.len() > ROWS {
+                batches.push(core::mem::take(&mut batch));
+                rows = 0;
             }
+            rows += piece.len();
+            batch.push((table, piece));
+        }
+    }
+    batches.push(batch);
+    let pool = ComputeTaskPool::get_or_init(TaskPool::default);
+    let all = pool.scope(|scope| {
+        for batch in batches {
+            let pieces = batch.into_iter();
+            let near = pieces.flat_map(|(table, rows)| rows.map(move |row| table.row(row)));
+            let near = near.filter(|caster| culling.is_near(caster, &sweeps));
+            let found = near.filter_map(|caster| found(&caster));
+            scope.spawn(async move { found.collect::<Vec<_>>() });
         }
     });
     all.concat()

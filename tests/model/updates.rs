@@ -4,7 +4,7 @@ use bevy::{
     camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
     prelude::*,
 };
-use bevy_pssm::{CasterCascades, ShadowPlans, prelude::*};
+use bevy_pssm::{CasterCascades, ShadowPlans, geometry::hull::CasterHull, prelude::*};
 
 use crate::lights::{app, camera, sun};
 
@@ -91,11 +91,35 @@ fn what_moves_costs_itself() {
 
 #[test]
 fn what_has_come_to_rest_is_drawn_once_more() {
+    comes_to_rest(0);
+}
+
+/// What is drawn over maps no more does not wait for its turn in them.
+#[test]
+fn what_has_come_to_rest_need_not_wait() {
+    comes_to_rest(8);
+}
+
+fn comes_to_rest(delay: u32) {
     let mut app = app();
     let view = camera(&mut app);
-    let light = sun(&mut app, ParallelSplitShadows::default());
-    let mover = boxes(&mut app)[20 * 40 + 18];
+    let settings = ParallelSplitShadows { delay, ..default() };
+    let light = sun(&mut app, settings);
+    let boxes = boxes(&mut app);
     app.update();
+    let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+    let is_in_two = |caster: &&Entity| {
+        let at = app.world().get::<GlobalTransform>(**caster).unwrap();
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        let holds = |hull: &CasterHull| hull.intersects_sphere(at.translation().as_dvec3(), 0.0);
+        maps.filter(|map| holds(&map.hull_now)).count() > 1
+    };
+    let mover = *boxes.iter().find(is_in_two).expect("where two meet");
+    let maps = |app: &App| {
+        let casters = app.world().get::<CasterCascades>(light).unwrap();
+        let cascades = casters.get(view, mover);
+        cascades.map_or(0, |cascades| cascades.iter().count())
+    };
     let is_moving = |app: &App| {
         let casters = app.world().get::<CasterCascades>(light).unwrap();
         casters.moving[&view].iter().any(|(it, _)| *it == mover)
@@ -113,10 +137,11 @@ fn what_has_come_to_rest_is_drawn_once_more() {
         assert_ne!(in_lists(&app), is_moving(&app), "it is drawn once");
         let visible = app.world().get::<ViewVisibility>(mover).unwrap();
         assert!(visible.get());
+        assert!(maps(&app) > 1, "no map lacks it");
         (is_moving(&app), drawn(&app, view, light))
     };
     for _ in 0..5 {
-        assert!(frame(0.1).0);
+        assert!(frame(0.01).0);
     }
     let later: Vec<_> = (0..100).map(|_| frame(0.0)).collect();
     assert_eq!(later.last(), Some(&(false, 0)));
