@@ -191,11 +191,16 @@ fn cull(
     let pool = ComputeTaskPool::get_or_init(TaskPool::default);
     let all = pool.scope(|scope| {
         for batch in batches {
-            let pieces = batch.into_iter();
-            let near = pieces.flat_map(|(table, rows)| rows.map(move |row| table.row(row)));
-            let near = near.filter(|caster| culling.is_near(caster, &sweeps));
-            let found = near.filter_map(|caster| found(&caster));
-            scope.spawn(async move { found.collect::<Vec<_>>() });
+            let (found, sweeps) = (&found, &sweeps);
+            scope.spawn(async move {
+                let mut all = Vec::new();
+                for (table, rows) in batch {
+                    let near = rows.map(|row| table.row(row));
+                    let near = near.filter(|caster| culling.is_near(caster, sweeps));
+                    all.extend(near.filter_map(|caster| found(&caster)));
+                }
+                all
+            });
         }
     });
     all.concat()
