@@ -3,6 +3,7 @@
 use glam::{DMat4, DVec2, DVec3, DVec4, UVec2};
 
 use super::{
+    half_space::HalfSpace,
     hysteresis::{Kept, Slack},
     light_frame::LightFrame,
     slice::Slice,
@@ -205,6 +206,25 @@ impl MapBox {
             self.half - off_ls.abs() - guard_ls
         });
         spare_ls.fold(DVec3::INFINITY, DVec3::min)
+    }
+
+    /// What its four sides bound on the way to the light, grown by `margin` meters.
+    pub fn sides(&self, light: &LightFrame, margin: f64) -> [HalfSpace; 4] {
+        let side = |axis_ws: DVec3, center: f64, half: f64, sign: f64| {
+            let per_length = axis_ws.length_recip();
+            let along = sign * (center + axis_ws.dot(light.origin)) + half;
+            HalfSpace {
+                normal: sign * per_length * axis_ws,
+                distance: per_length * along + margin,
+            }
+        };
+        let (center, half) = (self.center, self.half);
+        [
+            side(light.x, center.x, half.x, 1.0),
+            side(light.x, center.x, half.x, -1.0),
+            side(light.y, center.y, half.y, 1.0),
+            side(light.y, center.y, half.y, -1.0),
+        ]
     }
 
     /// The matrix from world space to the map's clip space: NDC x and y in [−1, 1], z in [0, 1]

@@ -133,6 +133,12 @@ impl CasterHull {
         self
     }
 
+    /// What of it lies within some more planes, all parallel to the light.
+    pub fn within(mut self, sides: &[HalfSpace]) -> Self {
+        self.planes.extend_from_slice(sides);
+        self
+    }
+
     /// Whether all of a body, grown by `margin` meters, lies within.
     pub fn contains(&self, body: &ConvexBody, margin: f64) -> bool {
         let farthest = |plane: &HalfSpace| {

@@ -235,7 +235,7 @@ pub(super) fn hold(
             light: &held.light,
             ..*inputs
         };
-        map.hull_now = held.placed.hull(&as_drawn, volume, 0.0);
+        map.hull_now = held.placed.hull(&as_drawn, volume, Spare::default());
     }
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {
         map.redraw = redraw.or(Some(Redraw::EveryFrame));

@@ -147,8 +147,8 @@ impl PlacedMap {
         if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
             return None;
         }
-        let hull_now = self.hull(inputs, volume, 0.0);
-        let hull = self.hull(inputs, volume, spare.around);
+        let hull = self.hull(inputs, volume, spare);
+        let hull_now = self.hull(inputs, volume, Spare::default());
         Some(CascadeMap {
             clip_from_world,
             clip_from_cascade: clip_from_world * world_from_cascade,
@@ -156,16 +156,22 @@ impl PlacedMap {
             texel: self.texel,
             fit: self.fit,
             strength: self.strength,
-            hull: hull.extended(spare.along_ws),
+            hull,
             hull_now,
             aliasing: self.aliasing(inputs, volume),
             redraw: Some(redraw),
         })
     }
 
-    /// Where casters matter to a volume, and so far beyond it (meters).
-    pub fn hull(&self, inputs: &PlanInputs, volume: &CascadeVolume, beyond: f64) -> CasterHull {
-        CasterHull::new(&volume.body, inputs.light.z, self.margin(inputs) + beyond)
+    /// Where casters matter to a volume that moves, as far as the map reaches.
+    pub fn hull(&self, inputs: &PlanInputs, volume: &CascadeVolume, spare: Spare) -> CasterHull {
+        let margin = self.margin(inputs);
+        let hull = CasterHull::new(&volume.body, inputs.light.z, margin + spare.around);
+        let hull = hull.extended(spare.along_ws);
+        match &self.map_box {
+            Some(map_box) => hull.within(&map_box.sides(inputs.light, margin)),
+            None => hull,
+        }
     }
 
     /// What lookups reach beyond what is shaded (meters): filters are square, and texels have corners.
