@@ -123,13 +123,16 @@ impl CasterHull {
         Self { planes, sweep }
     }
 
-    /// The hull of the body on its way along a vector in world space (meters): conservative, as it
-    /// keeps the planes.
-    pub fn extended(mut self, along: DVec3) -> Self {
+    /// The hull of more points, each with the margin about it (meters): conservative, as it keeps the planes.
+    pub fn extended(mut self, points: &[DVec3], margin: f64) -> Self {
         for plane in &mut self.planes {
-            plane.distance += plane.normal.dot(along).max(0.0);
+            let along = points.iter().map(|point| plane.normal.dot(*point) + margin);
+            plane.distance = along.fold(plane.distance, f64::max);
         }
-        self.sweep.radius += along.length();
+        let sweep = &mut self.sweep;
+        for point in points {
+            sweep.radius = sweep.radius.max(sweep.center.distance(*point) + margin);
+        }
         self
     }
 

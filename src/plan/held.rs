@@ -1,10 +1,12 @@
 //! Which maps stay as they are: what a layer holds, what is needed of it now, and what has changed.
 
-use glam::{DVec2, DVec3, UVec2};
+use glam::{DQuat, DVec2, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::{CascadeFit, MapUpdates};
-use crate::geometry::{fit::MapBox, light_frame::LightFrame, oriented_box::OrientedBox};
+use crate::geometry::{
+    fit::MapBox, light_frame::LightFrame, oriented_box::OrientedBox, slice::ViewVolume,
+};
 
 /// Why a map is drawn anew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -42,7 +44,8 @@ pub(super) struct HeldMap {
     placed: PlacedMap,
     size: UVec2,
     light: LightFrame,
-    /// Of what was to be covered, in world space.
+    /// What was seen, and the middle of what was to be covered, in world space.
+    view: ViewVolume,
     center_ws: DVec3,
     map: CascadeMap,
     /// It has outlived the frame that it was drawn in.
@@ -135,12 +138,41 @@ fn spare(inputs: &PlanInputs, volume: &CascadeVolume, map_box: &MapBox) -> DVec3
 }
 
 /// How far what is needed may move while a map is held (meters).
-#[derive(Debug, Default, Clone, Copy)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Spare {
     /// In any direction.
     pub around: f64,
-    /// In one.
-    pub along_ws: DVec3,
+    /// Where its corners come if the view goes on as it did, in world space.
+    pub ahead_ws: Vec<DVec3>,
+}
+
+/// How much farther than its map has texels to spare what is needed may go: some of it moves less than its middle.
+const AHEAD: f64 = 1.6;
+
+/// Steps in which a view's way is followed.
+const STEPS: [f64; 2] = [0.5, 1.0];
+
+/// Where the corners of what is needed come, if what moved from one view to the other goes on so many times.
+fn corners_ahead(
+    volume: &CascadeVolume,
+    before: &ViewVolume,
+    now: &ViewVolume,
+    times: f64,
+) -> Vec<DVec3> {
+    let (Some(from), Some(to)) = (before.forward(), now.forward()) else {
+        return Vec::new();
+    };
+    let (axis, angle) = DQuat::from_rotation_arc(from, to).to_axis_angle();
+    let at = |share: f64| {
+        let turn = DQuat::from_axis_angle(axis, share * angle);
+        let eye = now.eye + share * (now.eye - before.eye);
+        let corners = volume.body.corners.iter();
+        corners.map(move |corner| eye + turn * (*corner - now.eye))
+    };
+    STEPS
+        .into_iter()
+        .flat_map(|step| at(step * times))
+        .collect()
 }
 
 /// What may move at all, as a share of its radius: what is much smaller than its map is not to draw the casters
@@ -178,13 +210,14 @@ fn ahead(
             let share_ls = across_ls / across_ls.abs().max_element().max(f64::MIN_POSITIVE);
             let map_box = map_box.moved(share_ls * spare_ls);
             let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-            // The far end of a view that turns moves about twice as far as its middle.
-            let along_ws = 4.0 * around * moved_ws.normalize_or_zero();
-            (placed, Spare { around, along_ws })
+            // What it has to spare on one side it has on the other.
+            let times = 2.0 * AHEAD * around / moved_ws.length().max(around * f64::EPSILON);
+            let ahead_ws = corners_ahead(volume, &held.view, inputs.view, times);
+            (placed, Spare { around, ahead_ws })
         }
         _ => {
-            let along_ws = DVec3::ZERO;
-            (wanted, Spare { around, along_ws })
+            let ahead_ws = Vec::new();
+            (wanted, Spare { around, ahead_ws })
         }
     }
 }
@@ -218,6 +251,7 @@ pub(super) fn hold(
             placed,
             size,
             light: *inputs.light,
+            view: *inputs.view,
             center_ws: volume.body.center(),
             has_lasted: false,
             owed: None,
@@ -235,7 +269,7 @@ pub(super) fn hold(
             light: &held.light,
             ..*inputs
         };
-        map.hull_now = held.placed.hull(&as_drawn, volume, Spare::default());
+        map.hull_now = held.placed.hull(&as_drawn, volume);
     }
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {
         map.redraw = redraw.or(Some(Redraw::EveryFrame));

@@ -147,8 +147,8 @@ impl PlacedMap {
         if published.iter().any(|matrix| !matrix.as_mat4().is_finite()) {
             return None;
         }
-        let hull = self.hull(inputs, volume, spare);
-        let hull_now = self.hull(inputs, volume, Spare::default());
+        let hull = self.hull_ahead(inputs, volume, &spare);
+        let hull_now = self.hull(inputs, volume);
         Some(CascadeMap {
             clip_from_world,
             clip_from_cascade: clip_from_world * world_from_cascade,
@@ -163,14 +163,21 @@ impl PlacedMap {
         })
     }
 
-    /// Where casters matter to a volume that moves, as far as the map reaches.
-    pub fn hull(&self, inputs: &PlanInputs, volume: &CascadeVolume, spare: Spare) -> CasterHull {
+    /// Where casters matter to a volume.
+    pub fn hull(&self, inputs: &PlanInputs, volume: &CascadeVolume) -> CasterHull {
+        CasterHull::new(&volume.body, inputs.light.z, self.margin(inputs))
+    }
+
+    /// Where they come to matter to one that moves, as far as the map reaches.
+    fn hull_ahead(&self, inputs: &PlanInputs, volume: &CascadeVolume, spare: &Spare) -> CasterHull {
         let margin = self.margin(inputs);
         let hull = CasterHull::new(&volume.body, inputs.light.z, margin + spare.around);
-        let hull = hull.extended(spare.along_ws);
+        let hull = hull.extended(&spare.ahead_ws, margin);
         match &self.map_box {
-            Some(map_box) => hull.within(&map_box.sides(inputs.light, margin)),
-            None => hull,
+            Some(map_box) if !spare.ahead_ws.is_empty() => {
+                hull.within(&map_box.sides(inputs.light, margin))
+            }
+            _ => hull,
         }
     }
 

@@ -251,6 +251,37 @@ fn held_maps_know_which_casters_matter_now() {
     assert!(held > 0, "no map was held");
 }
 
+/// Where a view turns, maps hold casters of what it comes to see, none beyond their own sides.
+#[test]
+fn maps_look_ahead_as_far_as_they_reach() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    walker.plan(&nothing);
+    let (mut drawn, mut all) = (0, 0);
+    for frame in 0..240 {
+        walker.yaw += 1.5_f32.to_radians();
+        let plans = walker.plan(&nothing);
+        for map in plans.iter().filter_map(|plan| plan.map.as_ref()) {
+            all += 1;
+            if map.redraw.is_none() {
+                continue;
+            }
+            drawn += 1;
+            let world_from_clip = map.clip_from_world.inverse();
+            for side in [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y] {
+                for along in [-0.5, 0.0, 0.5] {
+                    let beside = 1.1 * side + along * DVec3::new(side.y, side.x, 0.0);
+                    let beside = world_from_clip.project_point3(beside + 0.5 * DVec3::Z);
+                    let holds = frame > 0 && map.hull.intersects_sphere(beside, 0.0);
+                    assert!(!holds, "frame {frame}: {beside}");
+                }
+            }
+        }
+    }
+    let share = f64::from(drawn) / f64::from(all);
+    assert!(share < 0.11, "{share} of all maps drawn");
+}
+
 /// Maps whose casters change in every frame hold what matters now and no more.
 #[test]
 fn maps_that_do_not_last_have_nothing_to_spare() {

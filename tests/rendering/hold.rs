@@ -102,12 +102,7 @@ fn at_rest_nothing_is_drawn_and_what_changes_is() {
 
 /// What a game does to one of its casters in a frame. Bevy 0.20 draws triangles of other meshes, in all passes, once
 /// several mesh assets have changed in one frame: only the first may change one.
-fn change_something(
-    world: &mut World,
-    casters: &mut Vec<Entity>,
-    is_first: bool,
-    dice: &mut Dice,
-) {
+fn change_something(world: &mut World, casters: &mut Vec<Entity>, is_first: bool, dice: &mut Dice) {
     let index = dice.pick(casters.len());
     let caster = casters[index];
     let mut entity = world.entity_mut(caster);
