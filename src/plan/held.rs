@@ -146,8 +146,11 @@ pub(super) struct Spare {
     pub ahead_ws: Vec<DVec3>,
 }
 
-/// How much farther than its map has texels to spare what is needed may go: some of it moves less than its middle.
+/// How much farther than a map has texels to spare the middle of what is needed is taken to go: some of it moves less.
 const AHEAD: f64 = 1.6;
+
+/// No more often than this goes on what has moved a view: its middle may have stood still.
+const MOST_TIMES: f64 = 16.0;
 
 /// Steps in which a view's way is followed.
 const STEPS: [f64; 2] = [0.5, 1.0];
@@ -210,8 +213,9 @@ fn ahead(
             let share_ls = across_ls / across_ls.abs().max_element().max(f64::MIN_POSITIVE);
             let map_box = map_box.moved(share_ls * spare_ls);
             let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-            // What it has to spare on one side it has on the other.
-            let times = 2.0 * AHEAD * around / moved_ws.length().max(around * f64::EPSILON);
+            // All that the map has to spare, on both sides, is ahead now.
+            let times = 2.0 * AHEAD * around / moved_ws.length();
+            let times = times.min(MOST_TIMES);
             let ahead_ws = corners_ahead(volume, &held.view, inputs.view, times);
             (placed, Spare { around, ahead_ws })
         }
