@@ -51,7 +51,8 @@
 //! - Other crates' passes find neither `ShadowView`s nor entries in `ViewLightEntities` for maps while a light is
 //!   managed. What draws into those adds its system to [`DrawShadowMap`], after
 //!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
-//!   an attachment. The light wants [`ShadowUpdates::Always`].
+//!   an attachment. The light wants [`ShadowUpdates::Always`]. One warning names each system that still
+//!   looks for them.
 //! - Vertex and compute shaders that call Bevy's shadow functions want [`ShaderFeatures::any_stage`].
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 

@@ -8,6 +8,7 @@
 mod adopt;
 mod displaced;
 mod extract;
+mod guests;
 mod hold;
 mod layout;
 mod moving;
@@ -117,7 +118,7 @@ pub(crate) fn build(app: &mut App) {
                     .chain()
                     .in_set(RenderSystems::PhaseSort)
                     .after(RenderSystems::Queue),
-                hold::note_whole_maps
+                (hold::note_whole_maps, guests::warn_of_guests)
                     .in_set(RenderSystems::Cleanup)
                     .after(RenderSystems::Render),
                 pipelines::wait_for_pipelines

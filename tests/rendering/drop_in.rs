@@ -176,6 +176,82 @@ fn extended_material() {
     assert_right("extended_material", &mut stage, sun);
 }
 
+/// Leaves every other pixel without a place, as registers of one that has been discarded may.
+#[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
+struct Riddled {}
+
+const RIDDLED: Handle<Shader> = uuid_handle!("0e5f3c52-6a0c-4c52-9d0f-7c5a6a4b7d20");
+
+impl MaterialExtension for Riddled {
+    fn fragment_shader() -> ShaderRef {
+        RIDDLED.into()
+    }
+}
+
+#[test]
+fn pixels_next_to_discarded_ones() {
+    type Material = ExtendedMaterial<StandardMaterial, Riddled>;
+    let shader = "import bevy_pbr::render::{
+            forward_io::{FragmentOutput, VertexOutput},
+            pbr_fragment::pbr_input_from_standard_material,
+            pbr_functions::{apply_pbr_lighting, main_pass_post_lighting_processing},
+        };
+        @fragment
+        fn fragment(in: VertexOutput, @builtin(front_facing) is_front: bool) -> FragmentOutput {
+            var input = pbr_input_from_standard_material(in, is_front);
+            input.material.base_color.a = 1.0;
+            if (u32(in.position.x) % 2u == 1u) {
+                input.world_position = vec4(3.0, 40.0, -7.0, 1.0);
+            }
+            var out: FragmentOutput;
+            out.color = main_pass_post_lighting_processing(input, apply_pbr_lighting(input));
+            return out;
+        }";
+    let mut stage = Stage::with_app(default(), |app| {
+        app.add_plugins(MaterialPlugin::<Material>::default());
+    });
+    let sun = stage.sun();
+    stage.world().entity_mut(sun).insert(shadows());
+    let world = stage.world();
+    let inserted = world
+        .resource_mut::<Assets<Shader>>()
+        .insert(&RIDDLED, Shader::from_wesl(shader, "riddled.wesl"));
+    assert!(inserted.is_ok());
+    let base = StandardMaterial {
+        perceptual_roughness: 1.0,
+        alpha_mode: AlphaMode::Mask(0.5),
+        ..default()
+    };
+    let whole = world
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(base.clone());
+    let riddled = world.resource_mut::<Assets<Material>>().add(Material {
+        base,
+        extension: Riddled {},
+    });
+    let mut meshes = world.query_filtered::<Entity, With<Mesh3d>>();
+    let meshes: Vec<Entity> = meshes.iter(world).collect();
+    for mesh in &meshes {
+        world
+            .entity_mut(*mesh)
+            .insert(MeshMaterial3d(whole.clone()));
+    }
+    let expected = stage.picture();
+    for mesh in meshes {
+        stage
+            .world()
+            .entity_mut(mesh)
+            .remove::<MeshMaterial3d<StandardMaterial>>()
+            .insert(MeshMaterial3d(riddled.clone()));
+    }
+    let found = stage.picture();
+    save("pixels_next_to_discarded_ones", &found, &expected);
+    let every_other =
+        |from: &RgbaImage| RgbaImage::from_fn(SIZE.x / 2, SIZE.y, |x, y| *from.get_pixel(2 * x, y));
+    let differing = share_differing(&every_other(&found), &every_other(&expected), 12);
+    assert!(differing < 0.001, "{differing} of the pixels differ");
+}
+
 /// Lifts a mesh out of its bounds.
 #[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
 struct Lifted {}

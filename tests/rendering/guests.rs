@@ -1,6 +1,10 @@
 //! Other crates' systems draw into the maps of managed lights.
 
 use bevy::{
+    core_pipeline::schedule::Core3d,
+    pbr::{
+        LATE_SHADOW_PASS, ShadowView, ViewLightEntities, per_view_shadow_pass, shared_shadow_pass,
+    },
     prelude::*,
     render::{
         RenderApp,
@@ -16,6 +20,7 @@ use bevy_pssm::{AdoptedMap, DrawShadowMap, PssmRenderSystems, ShadowTarget, prel
 use crate::{
     compare::share_differing,
     stage::{Stage, shadows},
+    warnings,
 };
 
 /// As though there were something between the sun and all there is.
@@ -65,4 +70,56 @@ fn what_others_draw_into_maps_throws_shadows() {
     };
     let (plain, lidded) = (picture(false), picture(true));
     assert!(share_differing(&plain, &lidded, 12) > 0.3);
+}
+
+/// Both draw as though all maps were Bevy's.
+fn draw_into_cascades(
+    _view: ViewQuery<&ViewLightEntities>,
+    maps: Query<&ShadowView>,
+    mut found: ResMut<Found>,
+) {
+    found.0 += maps.iter().count();
+}
+
+fn draw_into_spot_lights(_map: ViewQuery<&ShadowView>) {}
+
+#[derive(Resource, Default)]
+struct Found(usize);
+
+#[test]
+fn what_finds_no_maps_is_warned_of_once() {
+    let warned_of = |managed: bool, is_at_home: bool| {
+        warnings::capture();
+        let mut stage = Stage::with_app(WgpuSettings::default(), |app| {
+            let render_app = app.sub_app_mut(RenderApp);
+            render_app.init_resource::<Found>().add_systems(
+                Core3d,
+                (
+                    draw_into_cascades.after(per_view_shadow_pass::<LATE_SHADOW_PASS>),
+                    draw_into_spot_lights.after(shared_shadow_pass::<LATE_SHADOW_PASS>),
+                ),
+            );
+            if is_at_home {
+                let lid = draw_lid.after(PssmRenderSystems::DrawMaps);
+                render_app.add_systems(DrawShadowMap, lid);
+            }
+        });
+        stage.camera();
+        let sun = stage.sun();
+        if managed {
+            stage.world().entity_mut(sun).insert(shadows());
+        }
+        for _ in 0..8 {
+            stage.step();
+        }
+        let found = stage.render_world().resource::<Found>().0;
+        assert_eq!(found == 0, managed, "{found} maps are found");
+        let lines = warnings::take();
+        let about_maps = lines.iter().filter(|line| line.contains("`ShadowView`s"));
+        about_maps.count()
+    };
+    assert_eq!(warned_of(false, false), 0);
+    assert_eq!(warned_of(true, false), 2);
+    // It knows both ways.
+    assert_eq!(warned_of(true, true), 0);
 }

@@ -108,8 +108,9 @@ fn every_flag_combination_compiles() {
             "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
             "DEPTH_PREPASS",
             "TEMPORAL_JITTER",
+            "MAY_DISCARD",
         ],
-        &["NO_CUBE_ARRAY_TEXTURES_SUPPORT"],
+        &["NO_CUBE_ARRAY_TEXTURES_SUPPORT", "FORWARD_DECAL"],
         &["DEFERRED_LIGHTING_PIPELINE", "DEPTH_PREPASS"],
         &["DEFERRED_LIGHTING_PIPELINE", "PCSS_SAMPLERS_AVAILABLE"],
     ];
@@ -166,6 +167,10 @@ fn every_flag_combination_compiles() {
                     ("cascade_color", parts.overlays),
                     ("is_in_wedge", parts.faces),
                     ("dpdx(shading", !parts.any_stage),
+                    (
+                        "leads_to",
+                        platform.contains(&"MAY_DISCARD") || platform.contains(&"FORWARD_DECAL"),
+                    ),
                 ] {
                     assert_eq!(text.contains(name), part, "{name}: {parts:?}, {filter:?}");
                 }
