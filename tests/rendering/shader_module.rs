@@ -168,7 +168,7 @@ fn every_flag_combination_compiles() {
                     ("is_in_wedge", parts.faces),
                     ("dpdx(shading", !parts.any_stage),
                     (
-                        "leads_to",
+                        "are_seen_square",
                         platform.contains(&"MAY_DISCARD") || platform.contains(&"FORWARD_DECAL"),
                     ),
                 ] {
