@@ -51,8 +51,18 @@
 //! - Other crates' passes find neither `ShadowView`s nor entries in `ViewLightEntities` for maps while a light is
 //!   managed. What draws into those adds its system to [`DrawShadowMap`], after
 //!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
-//!   an attachment. The light wants [`ShadowUpdates::Always`]. One warning names each system that still
-//!   looks for them.
+//!   an attachment, and whose [`size`](AdoptedMap::size) its viewport keeps to, for a layer may be larger. The
+//!   light wants [`ShadowUpdates::Always`]. One warning names each system that still looks for them.
+//! - What only meshlets draw casts no shadow in the light of suns and spot lights while a light is
+//!   managed: Bevy's meshlet pass looks for `ShadowView`s, too. Either all lights are left to Bevy, or a
+//!   system of the game draws something in its place, as above. As a receiver it wants
+//!   [`ShadowFocus::Off`].
+//! - Shaders that read the light uniform by themselves: while a light is managed, each map fills a corner
+//!   of its layer, and layers are as large as the largest map. Of managed lights, `texel_size` is -1,
+//!   `cascades_overlap_proportion` is no share, and `far_bound` has the splits as configured, where fitted
+//!   slices may end elsewhere. Bevy's shadow functions (`fetch_directional_shadow` and so on) know that.
+//! - Opaque materials whose own fragment shader discards want `AlphaMode::Mask`: next to discarded
+//!   pixels derivatives are undefined on some GPUs, and with it the lookup checks them.
 //! - Vertex and compute shaders that call Bevy's shadow functions want [`ShaderFeatures::any_stage`].
 //! - Occlusion culling is not applied to managed lights: it would lose casters for a frame.
 
@@ -88,6 +98,7 @@ pub use shaders::ShaderFeatures;
 pub use systems::{
     BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, ManagedLight,
     PssmSystems, ShadowGridOrigin, ShadowMemoryLimit, ShadowPlans, ShadowUpdates,
+    SharesShadowsWith,
 };
 
 use bevy::{
@@ -103,7 +114,7 @@ pub mod prelude {
         Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp,
         ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
         ShadowGridOrigin, ShadowMemoryLimit, ShadowOverlay, ShadowPreset, ShadowUpdates,
-        SplitScheme, TexelGrid, WarpAxis,
+        SharesShadowsWith, SplitScheme, TexelGrid, WarpAxis,
     };
 }
 
@@ -128,6 +139,7 @@ impl Plugin for PssmPlugin {
             .register_type::<ShadowMemoryLimit>()
             .register_type::<BoundsMargin>()
             .register_type::<ShadowUpdates>()
+            .register_type::<SharesShadowsWith>()
             .init_asset::<ParallelSplitShadows>()
             .register_asset_reflect::<ParallelSplitShadows>()
             .register_asset_loader(loader);

@@ -40,9 +40,8 @@ const MAX_BIAS: f32 = 1000.0;
 
 /// How much nearer to the light than a surface texels may be without shadowing it.
 ///
-/// `DirectionalLight::shadow_normal_bias` and `shadow_depth_bias` act as multipliers around
-/// Bevy's defaults (1.8 and 0.02): the first of what follows the surface's slope, the second of
-/// what does not. Below their defaults they take nothing away from [`ShadowBias::Automatic`].
+/// What the light's own `shadow_depth_bias` and `shadow_normal_bias` do to it is said at
+/// [`ParallelSplitShadows`](crate::ParallelSplitShadows).
 #[derive(Reflect, Serialize, Deserialize, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

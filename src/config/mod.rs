@@ -46,9 +46,12 @@ const MAX_DELAY: u32 = 60;
 /// [`ManagedLight`](crate::ManagedLight).
 ///
 /// The cameras' `ShadowFilteringMethod`, `NotShadowCaster` and `NotShadowReceiver` keep their
-/// meaning. `DirectionalLight::shadow_depth_bias` and `shadow_normal_bias` add to the bias what they
-/// exceed Bevy's defaults by ([`ShadowBias`]), and smaller ones do nothing: leave them, unless feet of
-/// walls that the sun grazes are gray; then double `shadow_depth_bias`.
+/// meaning. The light's own `shadow_depth_bias` and `shadow_normal_bias` raise
+/// [`ShadowBias::Automatic`] only above Bevy's defaults (0.02 and 1.8): twice the first doubles what
+/// walls and rounded positions get, twice the second adds what the surface rises over a texel. The
+/// other biases follow them in proportion, below the defaults, too: what depends on the surface's
+/// slope the second, the rest the first. Leave both, unless feet of walls that the sun grazes are
+/// gray; then double `shadow_depth_bias`.
 ///
 /// A value outside its range is reported once, and the last good configuration stays in force, or
 /// until there is one Bevy's own shadows.

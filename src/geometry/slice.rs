@@ -63,6 +63,59 @@ impl ViewVolume {
         (is_regular && near.is_finite() && far > near).then_some(volume)
     }
 
+    /// A volume, before the same eye, that holds another one too. `None` where the other one begins behind
+    /// this one's eye, looks to its side or back, or only one of them is in perspective; without perspective also
+    /// where it looks another way.
+    pub fn around(&self, other: &Self) -> Option<Self> {
+        if self.is_perspective() != other.is_perspective() {
+            return None;
+        }
+        let view_from_world = self.axes.inverse();
+        let local = |point_ws: DVec3| view_from_world * (point_ws - self.eye);
+        let mut volume = *self;
+        let [start, end] = [other.nearest(), other.far].map(|depth| {
+            let is_known = depth.is_finite();
+            is_known.then(|| {
+                other
+                    .corners_at(depth)
+                    .map(|at| local(other.eye + other.axes * at))
+            })
+        });
+        let depths = |corners: [DVec3; 4]| corners.map(|corner| -corner.z);
+        let nearest = depths(start?).into_iter().fold(self.nearest(), f64::min);
+        if self.is_perspective() && nearest < 0.0 {
+            return None;
+        }
+        volume.near = volume.near.min(nearest);
+        volume.far = end.map_or(f64::INFINITY, |end| {
+            depths(end).into_iter().fold(self.far, f64::max)
+        });
+        // The other's edges, as lines over this one's depth.
+        let (from, to) = (other.corners_at(0.0), other.corners_at(1.0));
+        let mut lines = [[DVec2::ZERO; 2]; 4];
+        for (line, (from, to)) in lines.iter_mut().zip(from.into_iter().zip(to)) {
+            let [from, to] = [from, to].map(|at| local(other.eye + other.axes * at));
+            let along = to - from;
+            if along.z >= 0.0 {
+                return None;
+            }
+            let per_depth = -along.truncate() / along.z;
+            *line = [from.truncate() + from.z * per_depth, per_depth];
+        }
+        // Sides that open no less than any of them, moved out until all are inside where volumes begin.
+        for [at_eye, per_depth] in lines {
+            let [at_near, growth] = &volume.max;
+            let wider = growth.max(per_depth);
+            let at_near = (*at_near + nearest * *growth).max(at_eye + nearest * per_depth);
+            volume.max = [at_near - nearest * wider, wider];
+            let [at_near, growth] = &volume.min;
+            let wider = growth.min(per_depth);
+            let at_near = (*at_near + nearest * *growth).min(at_eye + nearest * per_depth);
+            volume.min = [at_near - nearest * wider, wider];
+        }
+        (volume.is_perspective() == self.is_perspective()).then_some(volume)
+    }
+
     /// The part of the volume between two depths, cut to the camera's own near and far planes
     /// and, in perspective, to what lies before the eye. `None` if nothing is left.
     pub fn slice(&self, near: f64, far: f64) -> Option<Slice> {

@@ -23,7 +23,7 @@ use bevy::{
             OcclusionCulling, OcclusionCullingSubview, OcclusionCullingSubviewEntities,
         },
         renderer::RenderDevice,
-        sync_world::MainEntity,
+        sync_world::{MainEntity, MainEntityHashSet},
         view::ExtractedView,
     },
 };
@@ -45,13 +45,12 @@ use crate::support::{Obstacle, ShadowSupport};
 pub(super) fn disable_occlusion_culling(
     extracted: Res<ExtractedShadows>,
     mut lights: Query<(&MainEntity, &mut ExtractedDirectionalLight)>,
-    mut warned: Local<bool>,
+    mut told: Local<MainEntityHashSet>,
 ) {
     for (light, mut extracted_light) in &mut lights {
         if extracted_light.occlusion_culling && extracted.lights.contains_key(light) {
             extracted_light.occlusion_culling = false;
-            if !*warned {
-                *warned = true;
+            if told.insert(*light) {
                 info!(
                     "Light {light:?} is drawn without occlusion culling, which would lose casters"
                 );
@@ -203,8 +202,16 @@ impl Adoptable<'_, '_> {
             let layers = layers.unwrap_or_default();
             layers.intersects(camera_layers)
         });
+        let host = extracted.hosts.get(camera.main);
+        let host_entity = host.and_then(|host| {
+            let hosts = self.sorted_cameras.0.iter().map(|camera| camera.entity);
+            hosts
+                .into_iter()
+                .find(|it| self.cameras.get(*it).is_ok_and(|it| it.main == host))
+        });
         let mut request = CameraRequest {
             camera: entity,
+            host: host_entity,
             light_count: lights.count().min(MAX_DIRECTIONAL_LIGHTS),
             built_in_layers: camera.lights.lights.len() as u32,
             cascades: Vec::new(),
@@ -225,7 +232,8 @@ impl Adoptable<'_, '_> {
             };
             let main = self.lights.get(*light_entity).ok().map(|(main, _)| main);
             let managed = main.and_then(|main| extracted.lights.get(main));
-            let cascades = managed.and_then(|light| light.views.get(camera.main));
+            let planned = host.unwrap_or(camera.main);
+            let cascades = managed.and_then(|light| light.views.get(planned));
             request.cascades.push(CascadeRequest {
                 view: view.entity,
                 light: *light_entity,
@@ -257,6 +265,12 @@ impl Adoptable<'_, '_> {
             }
             // Bevy's per-camera pass has nothing left to draw.
             camera.lights.lights.clear();
+        }
+        // A camera that looks up another one's maps has none of its own any more.
+        for it in self.views.iter().filter(|it| it.adopted.is_some()) {
+            if !layout.maps.iter().any(|(view, _)| *view == it.entity) {
+                Self::leave(commands, it.entity, it.light);
+            }
         }
         for (view, map) in layout.maps {
             if let Ok(mut it) = self.views.get_mut(view) {
@@ -293,13 +307,17 @@ impl Adoptable<'_, '_> {
     /// Leaves all views to Bevy.
     fn release(&self, commands: &mut Commands) {
         for view in self.views.iter().filter(|view| view.adopted.is_some()) {
-            commands.entity(view.entity).remove::<AdoptedMap>();
-            if matches!(view.light, LightEntity::Directional { .. }) {
-                commands.entity(view.entity).remove::<RootNonCameraView>();
-            }
+            Self::leave(commands, view.entity, view.light);
         }
         for camera in &self.adopted_cameras {
             commands.entity(camera).remove::<AdoptedLights>();
+        }
+    }
+
+    fn leave(commands: &mut Commands, view: Entity, light: &LightEntity) {
+        commands.entity(view).remove::<AdoptedMap>();
+        if matches!(light, LightEntity::Directional { .. }) {
+            commands.entity(view).remove::<RootNonCameraView>();
         }
     }
 }

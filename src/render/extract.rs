@@ -27,7 +27,9 @@ use crate::{
     config::{MAX_CASCADES, MIN_MAP_SIZE},
     debug::ShadowOverlay,
     plan::{CascadeMap, CascadePlan},
-    systems::{CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, empty_cascade},
+    systems::{
+        CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, SharedViews, empty_cascade,
+    },
 };
 
 /// What the render world needs to know of the managed lights' plans.
@@ -37,6 +39,8 @@ pub(crate) struct ExtractedShadows {
     /// Texels per side of Bevy's maps, as the game wants them.
     pub built_in_size: usize,
     pub overlay: ShadowOverlay,
+    /// By the camera that looks up another one's maps: that one.
+    pub hosts: MainEntityHashMap<MainEntity>,
     /// Counts frames.
     pub frame: u64,
 }
@@ -136,6 +140,7 @@ pub(super) fn extract_shadows(
     lights: Extract<Query<LightToExtract>>,
     overlay: Extract<Res<ShadowOverlay>>,
     built_in: Extract<Res<DirectionalLightShadowMap>>,
+    shared: Extract<Res<SharedViews>>,
     mapper: Extract<Query<RenderEntity>>,
 ) {
     let pair = |caster: Entity| {
@@ -144,6 +149,9 @@ pub(super) fn extract_shadows(
     };
     extracted.built_in_size = built_in.size;
     extracted.overlay = **overlay;
+    let hosts = shared.pairs();
+    let hosts = hosts.map(|(guest, host)| (MainEntity::from(guest), MainEntity::from(host)));
+    extracted.hosts = hosts.collect();
     extracted.frame += 1;
     extracted.lights.clear();
     for it in &lights {

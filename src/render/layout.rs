@@ -7,6 +7,7 @@ use bevy::{
     ecs::{component::Component, entity::Entity},
     math::UVec2,
     pbr::MAX_DIRECTIONAL_LIGHTS,
+    platform::collections::HashMap,
 };
 
 use super::{extract::ExtractedCascade, options::LookupOptions};
@@ -67,6 +68,8 @@ pub(super) struct LayerRequest {
 #[derive(Debug)]
 pub(super) struct CameraRequest {
     pub camera: Entity,
+    /// The camera whose maps of managed lights it looks up.
+    pub host: Option<Entity>,
     /// Lights in its uniform, shadowed or not.
     pub light_count: usize,
     /// Layers that Bevy counts for it.
@@ -124,11 +127,21 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
         .collect();
 
     let mut next_layer = 0;
-    let mut cameras = Vec::with_capacity(request.cameras.len());
-    for camera in &request.cameras {
+    let mut cameras: Vec<(Entity, AdoptedLights)> = Vec::with_capacity(request.cameras.len());
+    let mut hosts: HashMap<(Entity, Entity), AdoptedLight> = HashMap::default();
+    let (own, shared): (Vec<_>, Vec<_>) = request.cameras.iter().partition(|it| it.host.is_none());
+    for camera in own.into_iter().chain(shared) {
         let mut lights: Vec<AdoptedLight> = Vec::new();
         for by_light in camera.cascades.chunk_by(|a, b| a.light == b.light) {
             let first = &by_light[0];
+            let of_host = camera.host.and_then(|host| hosts.get(&(host, first.light)));
+            if let Some(of_host) = of_host {
+                lights.push(AdoptedLight {
+                    index: first.light_index,
+                    ..of_host.clone()
+                });
+                continue;
+            }
             lights.push(AdoptedLight {
                 index: first.light_index,
                 base_layer: next_layer,
@@ -150,6 +163,14 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 if next_layer == layers_before_spots {
                     next_layer += spot_count;
                 }
+            }
+        }
+        for (light, by_light) in lights
+            .iter()
+            .zip(camera.cascades.chunk_by(|a, b| a.light == b.light))
+        {
+            if light.is_managed() {
+                hosts.insert((camera.camera, by_light[0].light), light.clone());
             }
         }
         // The next camera starts behind the spot lights' maps.
@@ -201,6 +222,7 @@ mod tests {
         };
         CameraRequest {
             camera: entity(500 + index),
+            host: None,
             light_count: lights.len(),
             built_in_layers: lights.iter().map(|light| light.0).sum(),
             cascades: lights.iter().enumerate().flat_map(of_light).collect(),
@@ -249,6 +271,31 @@ mod tests {
             .collect();
         assert_eq!(bases, [9, 13]);
         assert_eq!(layout.layers, 16);
+    }
+
+    #[test]
+    fn guests_look_up_their_hosts_maps_of_managed_lights() {
+        let mut guest = camera(1, &[(4, Some(512)), (3, None)]);
+        guest.host = Some(entity(502));
+        let host = camera(2, &[(4, Some(512)), (3, None)]);
+        // Whichever comes first.
+        let layout = layout_layers(&request(vec![guest, host], 0)).expect("there is room");
+        assert_eq!(layers(&layout), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        let [host, guest] = [entity(502), entity(501)].map(|camera| {
+            let found = layout.cameras.iter().find(|(known, _)| *known == camera);
+            &found.expect("it is there").1.lights
+        });
+        assert_eq!(guest[0], host[0]);
+        assert_ne!(
+            guest[1].base_layer, host[1].base_layer,
+            "other lights' are their own"
+        );
+        assert!(
+            layout
+                .maps
+                .iter()
+                .all(|(view, _)| !(1000..1004).map(entity).any(|it| it == *view))
+        );
     }
 
     #[test]

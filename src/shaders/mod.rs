@@ -152,8 +152,12 @@ import bevy_pssm::shaders::slot::built_in_uv_scale;
 ",
         renamed: &[
             "sample_shadow_map_hardware",
+            "sample_shadow_map_castano_thirteen",
+            "sample_shadow_map_jimenez_fourteen",
             "sample_shadow_map",
             "sample_shadow_map_pcss",
+            "search_for_blockers_in_shadow_map_hardware",
+            "search_for_blockers_in_shadow_map",
         ],
         functions: include_str!("shadow_sampling.wesl"),
     },

@@ -4,7 +4,10 @@ use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     camera::{
         primitives::Aabb,
-        visibility::{NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers, VisibilityRange},
+        visibility::{
+            InheritedVisibility, NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers,
+            VisibilityRange,
+        },
     },
     ecs::{
         entity::{Entity, EntityHashSet},
@@ -17,7 +20,7 @@ use bevy::{
         system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
     image::Image,
-    light::{NotShadowCaster, NotShadowReceiver},
+    light::{DirectionalLight, NotShadowCaster, NotShadowReceiver},
     material::AlphaMode,
     mesh::{Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
     pbr::StandardMaterial,
@@ -30,6 +33,7 @@ use super::{
     bounds::BoundsMargin,
     caster_state::{CasterRecord, ChangingCaster, Found, ShadowUpdates, Surroundings},
     moving::MovingCasters,
+    plan::shines,
 };
 use crate::plan::CasterChanges;
 
@@ -95,19 +99,20 @@ const MOST: usize = 4096;
 /// While records are old, so many of the meshes that may have changed tell whether too many still do.
 const SAMPLE: usize = 256;
 
-/// Finds the meshes that have changed since the last frame.
+/// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(
     mut commands: Commands,
     mut meshes: Query<ChangingCaster>,
     surroundings: Surroundings,
     unknown: Query<Entity, (With<Mesh3d>, Without<CasterRecord>)>,
-    lights: Query<(), With<ManagedLight>>,
+    lights: Query<(&DirectionalLight, &InheritedVisibility), With<ManagedLight>>,
     mut lost: LostComponents,
     mut changed: ResMut<ChangedCasters>,
     mut suspects: Local<Vec<Entity>>,
     (mut found_by, mut restless_by): (Local<Parallel<Found>>, Local<Parallel<Vec<Entity>>>),
 ) {
-    if lights.is_empty() {
+    let mut lights = lights.iter();
+    if !lights.any(|(light, inherited)| shines(light, inherited)) {
         lost.clear();
         changed.removed.clear();
         changed.are_records_old = true;

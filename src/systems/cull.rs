@@ -23,6 +23,7 @@ use bevy::{
 
 use super::{
     CascadeSet, CasterCascades, ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
+    SharedViews,
     bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, world_bounds},
     moving::MovingCasters,
     publish::{empty_cascade, published_cascade},
@@ -232,7 +233,7 @@ pub fn cull_casters(
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
     support: Res<ShadowSupport>,
-    changed: Res<ChangedCasters>,
+    (changed, shared): (Res<ChangedCasters>, Res<SharedViews>),
 ) {
     let displaced = displaced.get();
     let none_moving = MovingCasters::default();
@@ -376,6 +377,20 @@ pub fn cull_casters(
                 list.entities.extend(inside.map(|(entity, _)| *entity));
                 list.shrink();
             }
+        }
+        // What is published for a camera that looks up another one's maps: those, and nothing to draw.
+        for (guest, host) in shared.pairs() {
+            let (Some(published), Some(frusta)) = (
+                it.cascades.cascades.get(&host).cloned(),
+                it.frusta.frusta.get(&host).cloned(),
+            ) else {
+                continue;
+            };
+            it.cascades.cascades.insert(guest, published);
+            it.frusta.frusta.insert(guest, frusta);
+            let lists = it.lists.entities.entry(guest).or_default();
+            lists.clear();
+            lists.resize_with(count, VisibleMeshEntities::default);
         }
     }
 }

@@ -1,17 +1,25 @@
 //! How large maps need be at most, and may be together.
 
 use bevy::{
-    ecs::{reflect::ReflectResource, resource::Resource},
+    camera::visibility::{InheritedVisibility, RenderLayers},
+    ecs::{
+        query::Without,
+        reflect::ReflectResource,
+        resource::Resource,
+        system::{Query, Res, SystemParam},
+    },
+    light::{CascadeShadowConfig, DirectionalLight, DirectionalLightShadowMap, SpotLight},
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 use glam::UVec2;
 
+use super::ManagedLight;
 use crate::config::{MAX_CASCADES, ParallelSplitShadows};
 
-/// What the maps of all managed lights and cameras together may take (bytes). Where settings ask for more,
-/// as with many cameras, all maps are halved until they fit or are as small as can be, and one warning says so.
-/// Default 1 GiB: sixteen cameras at the default size. What moves may take as much again, and maps of
-/// spot lights and other suns, whose size is Bevy's, are not counted; layers are as large as theirs at least.
+/// What all maps together may take (bytes): those of managed lights, for each camera, and those of spot lights and
+/// other suns, which lie in the same array. Where settings ask for more, as with many cameras, managed lights' maps are
+/// halved until all fit or no halving helps, and one warning says so. Default 1 GiB: sixteen cameras at
+/// the default size. Copies of what rests, in maps in which something moves, may take as much again.
 #[derive(Resource, Reflect, Debug, Clone, Copy, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ShadowMemoryLimit(pub u64);
@@ -36,22 +44,72 @@ pub(super) fn halvings_for(config: &ParallelSplitShadows, image_height: f64) -> 
     spare.max(1.0).log2() as u32
 }
 
+/// What lies in the same array as the maps of managed lights.
+#[derive(SystemParam)]
+pub struct OtherMaps<'w, 's> {
+    size: Option<Res<'w, DirectionalLightShadowMap>>,
+    spots: Query<'w, 's, (&'static SpotLight, &'static InheritedVisibility)>,
+    suns: Query<
+        'w,
+        's,
+        (
+            &'static DirectionalLight,
+            &'static CascadeShadowConfig,
+            &'static InheritedVisibility,
+            Option<&'static RenderLayers>,
+        ),
+        Without<ManagedLight>,
+    >,
+}
+
+/// Layers that are not the plugin's, and the side of the maps in them (texels).
+#[derive(Debug, Default, Clone, Copy)]
+pub(super) struct OtherLayers {
+    pub count: u64,
+    pub side: u32,
+}
+
+impl OtherMaps<'_, '_> {
+    /// For cameras of these render layers.
+    pub(super) fn layers<'a>(
+        &self,
+        cameras: impl Iterator<Item = &'a RenderLayers>,
+    ) -> OtherLayers {
+        let spots = self.spots.iter();
+        let spots = spots.filter(|(light, seen)| light.shadow_maps_enabled && seen.get());
+        let of_camera = |camera: &RenderLayers| -> usize {
+            let suns = self.suns.iter().filter(|(light, _, seen, layers)| {
+                let layers = layers.unwrap_or_default();
+                light.shadow_maps_enabled && seen.get() && layers.intersects(camera)
+            });
+            suns.map(|(_, config, ..)| config.bounds.len()).sum()
+        };
+        let count = spots.count() + cameras.map(of_camera).sum::<usize>();
+        let side = self.size.as_deref().filter(|_| count > 0);
+        OtherLayers {
+            count: count as u64,
+            side: side.map_or(0, |map| map.size as u32),
+        }
+    }
+}
+
 /// How often all maps are halved, beside what each has been already, before all of them fit.
 pub(super) fn halvings_within(
     limit: ShadowMemoryLimit,
     maps: &[(&ParallelSplitShadows, u32)],
+    others: OtherLayers,
 ) -> u32 {
     let bytes = |halvings: u32| {
         let layers = maps
             .iter()
             .map(|(config, own)| layer(config, own + halvings));
         // All layers are as large as the largest.
-        let largest = layers.reduce(UVec2::max).unwrap_or_default();
+        let largest = layers.fold(UVec2::splat(others.side), UVec2::max);
         let count: u64 = maps
             .iter()
             .map(|(config, _)| u64::from(config.cascades))
             .sum();
-        4 * count * u64::from(largest.x) * u64::from(largest.y)
+        4 * (count + others.count) * u64::from(largest.x) * u64::from(largest.y)
     };
     (0..u32::BITS)
         .find(|halvings| bytes(*halvings) <= limit.0 || bytes(*halvings) == bytes(halvings + 1))

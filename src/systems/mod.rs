@@ -13,6 +13,7 @@ mod mesh_boxes;
 mod moving;
 mod plan;
 mod publish;
+mod share;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
 pub use caster_cascades::{CascadeSet, CasterCascades};
@@ -26,6 +27,7 @@ pub use memory::ShadowMemoryLimit;
 pub use mesh_boxes::MeshBoxes;
 pub use plan::{CameraCut, ShadowGridOrigin, ShadowPlans, plan_shadows};
 pub(crate) use publish::empty_cascade;
+pub use share::{SharedViews, SharesShadowsWith};
 
 use bevy::{
     app::{App, PostUpdate, PreUpdate},
@@ -67,7 +69,8 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<DisplacedMeshes>()
         .init_resource::<ChangedCasters>()
         .init_resource::<ShadowGridOrigin>()
-        .init_resource::<ShadowMemoryLimit>();
+        .init_resource::<ShadowMemoryLimit>()
+        .init_resource::<SharedViews>();
     diagnostics::register(app);
     // Without it, casters are known a frame later.
     let world = app.world_mut();

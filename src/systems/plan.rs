@@ -30,16 +30,20 @@ use bevy::{
 
 use super::{
     ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowMemoryLimit, ShadowUpdates,
+    SharedViews, SharesShadowsWith,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
-    memory::{halvings_for, halvings_within},
+    memory::{OtherMaps, halvings_for, halvings_within},
+    share::Sharer,
 };
 use crate::{
     config::{ParallelSplitShadows, ShadowFocus},
     geometry::{light_frame::LightFrame, receivers::Receivers, slice::ViewVolume},
     plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
+    support::ShadowSupport,
 };
 
-/// The plans of a managed light, one list of cascades for each active 3D camera.
+/// The plans of a managed light, one list of cascades for each active 3D camera that shares no other one's maps
+/// ([`SharesShadowsWith`]).
 #[derive(Component, Debug, Default, Clone)]
 pub struct ShadowPlans {
     /// By camera.
@@ -91,6 +95,7 @@ pub struct PlannedCamera {
     camera: &'static Camera,
     visible: &'static VisibleEntities,
     layers: Option<&'static RenderLayers>,
+    shares_with: Option<&'static SharesShadowsWith>,
     has_fog: Has<VolumetricFog>,
 }
 
@@ -136,7 +141,7 @@ pub struct Gathered {
 }
 
 /// Whether a light casts shadows on anything.
-fn shines(light: &DirectionalLight, inherited: &InheritedVisibility) -> bool {
+pub(super) fn shines(light: &DirectionalLight, inherited: &InheritedVisibility) -> bool {
     light.shadow_maps_enabled && light.illuminance != 0.0 && inherited.get()
 }
 
@@ -147,6 +152,7 @@ fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {
 /// How often all maps are halved so that they fit.
 fn halvings_of_all(
     lights: &Query<PlannedLight>,
+    others: &OtherMaps,
     views: &[(Entity, RenderLayers, View)],
     limit: ShadowMemoryLimit,
 ) -> u32 {
@@ -165,7 +171,7 @@ fn halvings_of_all(
             }
         }
     }
-    halvings_within(limit, &maps)
+    halvings_within(limit, &maps, others.layers(views.iter().map(|it| &it.1)))
 }
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -178,7 +184,13 @@ pub fn plan_shadows(
     assets: Option<Res<Assets<Mesh>>>,
     mut parts: ResMut<MeshBoxes>,
     displaced: Res<DisplacedMeshes>,
-    (origin, limit): (Res<ShadowGridOrigin>, Res<ShadowMemoryLimit>),
+    (origin, limit, support): (
+        Res<ShadowGridOrigin>,
+        Res<ShadowMemoryLimit>,
+        Res<ShadowSupport>,
+    ),
+    others: OtherMaps,
+    mut shared: ResMut<SharedViews>,
     changed: Res<ChangedCasters>,
     mut gathered: Local<EntityHashMap<Gathered>>,
     (mut warned, mut warned_of_memory): (Local<EntityHashSet>, Local<bool>),
@@ -189,25 +201,45 @@ pub fn plan_shadows(
         .filter(|it| shines(it.light, it.inherited))
         .filter_map(|it| Some((layers_of(it.layers), it.managed.config()?.comparison.focus)))
         .collect();
-    let views: Vec<(Entity, RenderLayers, View)> = cameras
-        .iter()
-        .filter(|it| it.camera.is_active)
+    let active = || cameras.iter().filter(|it| it.camera.is_active);
+    // Bevy's pass draws for each camera.
+    *shared = if support.draws_maps() {
+        let sharers = active().map(|it| Sharer {
+            camera: it.entity,
+            with: it.shares_with.map(|it| it.0),
+            layers: layers_of(it.layers),
+            volume: view_volume(it.transform, it.projection, it.camera),
+        });
+        SharedViews::new(&sharers.collect::<Vec<_>>())
+    } else {
+        SharedViews::default()
+    };
+    let views: Vec<(Entity, RenderLayers, View)> = active()
+        .filter(|it| shared.host_of(it.entity).is_none())
         .map(|it| {
             let layers = layers_of(it.layers);
+            let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
+            let guests: Vec<_> = guests.collect();
             let meeting = shining
                 .iter()
                 .filter(|(light, _)| light.intersects(&layers));
             let foci: Vec<ShadowFocus> = meeting.map(|(_, focus)| *focus).collect();
-            let volume = view_volume(it.transform, it.projection, it.camera);
-            let view = match volume {
+            let own_volume = || view_volume(it.transform, it.projection, it.camera);
+            let view = match shared.volume_of(it.entity).or_else(own_volume) {
                 _ if foci.is_empty() => View::Unlit,
                 None => View::Degenerate,
                 Some(volume) => {
-                    let height = it.camera.physical_viewport_size().map_or(1, |size| size.y);
-                    let visible = it.visible.get(TypeId::of::<Mesh3d>()).iter().copied();
+                    let all = || guests.iter().chain([&it]);
+                    let heights = all().filter_map(|it| it.camera.physical_viewport_size());
+                    let height = heights.map(|size| size.y).max().unwrap_or(1);
                     let is_focused = foci.contains(&ShadowFocus::Receivers);
-                    let visible: Vec<Entity> =
-                        visible.chain(&unculled).filter(|_| is_focused).collect();
+                    let visible = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
+                    let visible = visible.copied().chain(&unculled);
+                    let mut visible: Vec<Entity> = visible.filter(|_| is_focused).collect();
+                    if !guests.is_empty() {
+                        visible.sort_unstable();
+                        visible.dedup();
+                    }
                     let is_same = gathered.get(&it.entity).is_some_and(|last| {
                         let is_known = last.is_settled && parts.are_settled();
                         is_known && last.volume == volume && last.visible == visible
@@ -230,7 +262,7 @@ pub fn plan_shadows(
                     }
                     View::Seen(Seen {
                         volume,
-                        has_fog: it.has_fog,
+                        has_fog: all().any(|it| it.has_fog),
                         image_height: f64::from(height.max(1)),
                     })
                 }
@@ -247,7 +279,7 @@ pub fn plan_shadows(
         seen.any(|(active, ..)| active == view)
     });
 
-    let halvings = halvings_of_all(&lights, &views, *limit);
+    let halvings = halvings_of_all(&lights, &others, &views, *limit);
     if halvings > 0 && !core::mem::replace(&mut *warned_of_memory, true) {
         warn!(
             "Shadow maps would take more than {} MiB together: all are halved until they fit",

@@ -906,6 +906,13 @@ fn budgets_are_shared() {
                     CascadeFit::Tight,
                     CascadeFit::Warped(MapWarp::Minimax),
                     CascadeFit::Auto { sharpness: 1.0 },
+                    CascadeFit::Faces,
+                    CascadeFit::PerCascade(vec![
+                        MapFit::Warped(MapWarp::Minimax),
+                        MapFit::Tight,
+                        MapFit::Steady,
+                        MapFit::Stable,
+                    ]),
                 ] {
                     let config = with(fit.clone(), MapSize::Budget(budget));
                     let plans = ground(eye, pitch).plan(&config, to_light);

@@ -1,6 +1,6 @@
 //! Settings that nobody would write: texts of presets at random, and components while the app runs.
 
-use core::{cell::RefCell, ops::Range};
+use core::{cell::RefCell, fmt::Debug, ops::Range};
 
 use bevy::{app::App, ecs::entity::Entity, light::Cascades};
 use bevy_pssm::{ManagedLight, ShadowPlans, plan::CascadePlan, prelude::*};
@@ -351,10 +351,45 @@ fn bias() -> impl Strategy<Value = ShadowBias> {
     ]
 }
 
+fn either<T: Clone + Debug + 'static>(options: [T; 2]) -> impl Strategy<Value = T> {
+    prop::sample::select(options.to_vec())
+}
+
+fn comparison() -> impl Strategy<Value = Comparison> {
+    (
+        bias(),
+        either([DepthDistribution::Hyperbolic, DepthDistribution::Linear]),
+        either([CasterFaces::Front, CasterFaces::Back]),
+        either([WarpAxis::View, WarpAxis::BodyCenter]),
+        either([CasterCulling::Hull, CasterCulling::Off]),
+        either([ShadowFocus::Receivers, ShadowFocus::Off]),
+        either([MapUpdates::WhenNeeded, MapUpdates::EveryFrame]),
+    )
+        .prop_map(
+            |(bias, depth, caster_faces, warp_axis, culling, focus, updates)| Comparison {
+                bias,
+                depth,
+                caster_faces,
+                warp_axis,
+                culling,
+                focus,
+                updates,
+            },
+        )
+}
+
 fn config() -> impl Strategy<Value = ParallelSplitShadows> {
     let range = (number(0.0..10.0), number(10.0..2000.0));
     let shares = (number(0.0..0.5), number(0.0..1.0), number(0.0..1.0));
-    let comparison = (bias(), any::<[bool; 4]>(), number(0.0..1.0));
+    let lookups = (
+        filter(),
+        either([CascadeTransition::CrossFade, CascadeTransition::Dither]),
+    );
+    let motion = (
+        either([TexelGrid::Light, TexelGrid::Ground]),
+        number(0.0..1.0),
+        count(0..61),
+    );
     (
         count(1..5),
         range,
@@ -362,29 +397,14 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         shares,
         fit(),
         map_size(),
-        filter(),
-        comparison,
+        lookups,
+        motion,
+        comparison(),
     )
         .prop_map(
-            |(cascades, range, splits, shares, fit, map_size, filter, comparison)| {
+            |(cascades, range, splits, shares, fit, map_size, lookups, motion, comparison)| {
                 let ((near, far), (blend, fade, slack)) = (range, shares);
-                let (bias, [is_linear, is_to_center, is_unfocused, is_grounded], sun_step) =
-                    comparison;
-                let depth = if is_linear {
-                    DepthDistribution::Linear
-                } else {
-                    DepthDistribution::Hyperbolic
-                };
-                let warp_axis = if is_to_center {
-                    WarpAxis::BodyCenter
-                } else {
-                    WarpAxis::View
-                };
-                let focus = if is_unfocused {
-                    ShadowFocus::Off
-                } else {
-                    ShadowFocus::Receivers
-                };
+                let ((filter, transition), (grid, sun_step, delay)) = (lookups, motion);
                 ParallelSplitShadows {
                     cascades,
                     near,
@@ -396,20 +416,11 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     slack,
                     map_size,
                     filter,
-                    grid: if is_grounded {
-                        TexelGrid::Ground
-                    } else {
-                        TexelGrid::Light
-                    },
+                    grid,
                     sun_step,
-                    comparison: Comparison {
-                        bias,
-                        depth,
-                        warp_axis,
-                        focus,
-                        ..Default::default()
-                    },
-                    ..Default::default()
+                    delay,
+                    transition,
+                    comparison,
                 }
             },
         )
@@ -442,8 +453,8 @@ fn what_is_written_while_the_app_runs_is_taken_if_it_is_good() {
     let light = sun(&mut app, ParallelSplitShadows::default());
     app.update();
     let state = RefCell::new((app, ParallelSplitShadows::default()));
+    // Of no number of its own, so that `PROPTEST_CASES` says how many.
     let mut runner = TestRunner::new(ProptestConfig {
-        cases: 256,
         failure_persistence: None,
         // In an app that has failed once, smaller settings prove nothing.
         max_shrink_iters: 0,

@@ -9,8 +9,8 @@ use bevy::{
     },
     ecs::{entity_disabling::Disabled, prelude::*},
     light::{
-        CascadeShadowConfig, CascadeShadowConfigBuilder, Cascades, NotShadowCaster,
-        SimulationLightSystems,
+        CascadeShadowConfig, CascadeShadowConfigBuilder, Cascades, DirectionalLightShadowMap,
+        NotShadowCaster, SimulationLightSystems,
     },
     math::Vec3A,
     prelude::*,
@@ -18,7 +18,7 @@ use bevy::{
 };
 use bevy_pssm::{CasterCascades, PssmSystems, ShadowPlans, plan::lookup_reach, prelude::*};
 
-use crate::server::server_app;
+use crate::{server::server_app, warnings};
 
 /// Casters that Bevy's own culling found for managed lights: must stay none.
 #[derive(Resource, Default)]
@@ -851,6 +851,177 @@ fn sides(app: &App, light: Entity) -> Vec<u32> {
         .collect()
 }
 
+/// Two cameras side by side, as eyes are, but so far apart that their maps differ.
+fn eyes(app: &mut App) -> [Entity; 2] {
+    let eyes = [camera(app), camera(app)];
+    let aside = Transform::from_xyz(3.0, 2.0, 0.0);
+    app.world_mut().entity_mut(eyes[1]).insert(aside);
+    eyes
+}
+
+/// The cameras that have maps of their own.
+fn planned(app: &App, light: Entity) -> Vec<Entity> {
+    let plans = app.world().get::<ShadowPlans>(light).unwrap();
+    let mut planned: Vec<Entity> = plans.views.keys().copied().collect();
+    planned.sort_unstable_by_key(|camera| camera.index_u32());
+    planned
+}
+
+#[test]
+fn eyes_share_maps_made_for_both() {
+    let mut app = app();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let [left, right] = eyes(&mut app);
+    let block = caster(&mut app, Vec3::new(0.0, 0.0, -5.0));
+    app.update();
+    assert_eq!(planned(&app, light), [left, right]);
+    let widths = |app: &App| {
+        let plans = app.world().get::<ShadowPlans>(light).unwrap();
+        plans.views[&left]
+            .iter()
+            .map(|plan| plan.map.as_ref().unwrap().texel.x)
+            .sum::<f64>()
+    };
+    let alone = widths(&app);
+
+    app.world_mut()
+        .entity_mut(right)
+        .insert(SharesShadowsWith(left));
+    app.update();
+    assert_eq!(planned(&app, light), [left]);
+    assert!(widths(&app) > alone, "as wide for two as for one");
+    let published = app.world().get::<Cascades>(light).unwrap();
+    let matrices = |eye| published.cascades[&eye].iter().map(|it| it.clip_from_world);
+    assert!(matrices(left).eq(matrices(right)));
+    let lists = &app
+        .world()
+        .get::<CascadesVisibleEntities>(light)
+        .unwrap()
+        .entities;
+    assert!(
+        lists[&left]
+            .iter()
+            .any(|list| list.entities.contains(&block))
+    );
+    assert!(lists[&right].iter().all(|list| list.entities.is_empty()));
+    assert_eq!(lists[&right].len(), lists[&left].len());
+
+    app.world_mut()
+        .entity_mut(right)
+        .remove::<SharesShadowsWith>();
+    app.update();
+    assert_eq!(planned(&app, light), [left, right]);
+    assert_eq!(widths(&app), alone);
+}
+
+#[test]
+fn cameras_share_maps_only_with_those_that_have_some() {
+    let inactive = |app: &mut App, [left, _]: [Entity; 2]| {
+        app.world_mut().get_mut::<Camera>(left).unwrap().is_active = false;
+    };
+    let layered = |app: &mut App, [_, right]: [Entity; 2]| {
+        let layers = RenderLayers::from_layers(&[0, 1]);
+        app.world_mut().entity_mut(right).insert(layers);
+    };
+    let turned = |app: &mut App, [_, right]: [Entity; 2]| {
+        app.world_mut()
+            .entity_mut(right)
+            .insert(Transform::from_rotation(Quat::from_rotation_y(2.0)));
+    };
+    let mutual = |app: &mut App, [left, right]: [Entity; 2]| {
+        app.world_mut()
+            .entity_mut(left)
+            .insert(SharesShadowsWith(right));
+    };
+    let oneself = |app: &mut App, [_, right]: [Entity; 2]| {
+        app.world_mut()
+            .entity_mut(right)
+            .insert(SharesShadowsWith(right));
+    };
+    let gone = |app: &mut App, [left, _]: [Entity; 2]| {
+        app.world_mut().despawn(left);
+    };
+    let cases: [(&str, fn(&mut App, [Entity; 2]), usize); 6] = [
+        ("inactive", inactive, 1),
+        ("layered", layered, 2),
+        ("turned", turned, 2),
+        ("mutual", mutual, 2),
+        ("oneself", oneself, 2),
+        ("gone", gone, 1),
+    ];
+    for (name, change, count) in cases {
+        let mut app = app();
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        let [left, right] = eyes(&mut app);
+        app.world_mut()
+            .entity_mut(right)
+            .insert(SharesShadowsWith(left));
+        change(&mut app, [left, right]);
+        app.update();
+        let planned = planned(&app, light);
+        assert!(
+            planned.len() == count && planned.contains(&right),
+            "{name}: {planned:?}"
+        );
+    }
+}
+
+#[test]
+fn cameras_that_see_the_same_share_maps() {
+    let mut app = app();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let cameras = [camera(&mut app), camera(&mut app)];
+    app.update();
+    assert_eq!(planned(&app, light).len(), 1);
+    let zoomed = Projection::Perspective(PerspectiveProjection {
+        fov: 0.5,
+        ..default()
+    });
+    app.world_mut().entity_mut(cameras[1]).insert(zoomed);
+    app.update();
+    assert_eq!(planned(&app, light), cameras);
+}
+
+#[test]
+fn spot_lights_and_other_suns_count_towards_the_memory_limit() {
+    for (spots, suns, side) in [(0, 0, 2048), (1, 0, 1024), (0, 1, 1024)] {
+        let mut app = app();
+        app.insert_resource(ShadowMemoryLimit(4 * 4 * 2048 * 2048))
+            .insert_resource(DirectionalLightShadowMap { size: 1024 });
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        for _ in 0..spots {
+            app.world_mut().spawn(SpotLight {
+                shadow_maps_enabled: true,
+                ..default()
+            });
+        }
+        for _ in 0..suns {
+            app.world_mut().spawn(DirectionalLight {
+                shadow_maps_enabled: true,
+                ..default()
+            });
+        }
+        camera_of(&mut app, UVec2::new(1920, 1080));
+        app.update();
+        assert_eq!(
+            sides(&app, light),
+            [side],
+            "{spots} spot lights, {suns} suns"
+        );
+    }
+}
+
+/// A camera whose picture has a size (pixels), somewhere else than others.
+fn camera_of(app: &mut App, physical_size: UVec2) {
+    let camera = camera(app);
+    let aside = Transform::from_xyz(10.0 * camera.index_u32() as f32, 2.0, 0.0);
+    app.world_mut().entity_mut(camera).insert(aside);
+    app.world_mut().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
+        physical_size,
+        ..default()
+    });
+}
+
 #[test]
 fn many_cameras_share_what_memory_there_is() {
     let mut app = app();
@@ -864,11 +1035,7 @@ fn many_cameras_share_what_memory_there_is() {
             .count()
             < count
         {
-            let camera = camera(&mut app);
-            app.world_mut().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
-                physical_size: UVec2::new(1920, 1080),
-                ..default()
-            });
+            camera_of(&mut app, UVec2::new(1920, 1080));
         }
         app.update();
         assert_eq!(sides(&app, light), vec![side; count], "{count}");
@@ -876,15 +1043,30 @@ fn many_cameras_share_what_memory_there_is() {
 }
 
 #[test]
+fn a_lack_of_memory_is_told_once() {
+    warnings::capture();
+    let mut app = app();
+    // Other tests with less memory than they ask for must not be heard here: none has so little.
+    app.insert_resource(ShadowMemoryLimit(3 << 20));
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    camera_of(&mut app, UVec2::new(1920, 1080));
+    for _ in 0..3 {
+        app.update();
+        assert_eq!(sides(&app, light), [256]);
+    }
+    let lines = warnings::peek();
+    let told = lines
+        .iter()
+        .filter(|line| line.contains("more than 3 MiB together"));
+    assert_eq!(told.count(), 1, "{lines:#?}");
+}
+
+#[test]
 fn small_pictures_have_small_maps() {
     for (height, side) in [(1080, 2048), (240, 2048), (120, 1024), (48, 512), (1, 2048)] {
         let mut app = app();
         let light = sun(&mut app, ParallelSplitShadows::default());
-        let camera = camera(&mut app);
-        app.world_mut().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
-            physical_size: UVec2::new(64, height),
-            ..default()
-        });
+        camera_of(&mut app, UVec2::new(64, height));
         app.update();
         assert_eq!(sides(&app, light), [side], "{height}");
     }

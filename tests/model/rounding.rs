@@ -5,13 +5,21 @@ use bevy_pssm::{
     geometry::{
         fit::LookupReach, light_frame::LightFrame, receivers::Receivers, slice::ViewVolume,
     },
-    plan::{CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades},
+    plan::{CascadeMap, CascadePlan, CasterChanges, PlanHistory, PlanInputs, plan_cascades},
     prelude::*,
 };
 
-use crate::views::{perspective, volume};
+use crate::{
+    fitted::{Thing, receivers_of},
+    views::{perspective, volume},
+};
 
-fn plan(view: &ViewVolume, to_light: DVec3, fit: CascadeFit) -> Vec<CascadePlan> {
+fn plan(
+    view: &ViewVolume,
+    to_light: DVec3,
+    receivers: &Receivers,
+    fit: CascadeFit,
+) -> Vec<CascadePlan> {
     let config = ParallelSplitShadows {
         fit,
         ..Default::default()
@@ -21,7 +29,7 @@ fn plan(view: &ViewVolume, to_light: DVec3, fit: CascadeFit) -> Vec<CascadePlan>
         light: &LightFrame::new(to_light).expect("a direction"),
         config: &config,
         reach: LookupReach { texels: 4.0 },
-        receivers: &Receivers::everywhere(view),
+        receivers,
         image_height: 1080.0,
         changes: &CasterChanges::At(Vec::new()),
     };
@@ -48,8 +56,12 @@ fn points(view: &ViewVolume, cascade: &CascadePlan) -> Vec<Vec3> {
     places.filter(is_within).map(DVec3::as_vec3).collect()
 }
 
-/// By how much a point's place in any of the maps is off, at most (texels).
-fn worst_error(view: &ViewVolume, plans: &[CascadePlan]) -> f64 {
+/// By how much a point's place in any of the maps is off, at most, given the size of its texels.
+fn worst_error(
+    view: &ViewVolume,
+    plans: &[CascadePlan],
+    texel: impl Fn(&CascadeMap) -> DVec2,
+) -> f64 {
     let mut worst = 0.0_f64;
     for cascade in plans {
         let Some(map) = &cascade.map else {
@@ -60,10 +72,25 @@ fn worst_error(view: &ViewVolume, plans: &[CascadePlan]) -> f64 {
             let rounded = rounded_map.project_point3(point).as_dvec3();
             let exact = map.clip_from_world.project_point3(point.as_dvec3());
             let error = (rounded - exact).truncate() * 0.5 * cascade.map_size.as_dvec2();
-            worst = worst.max(error.abs().max_element());
+            worst = worst.max((texel(map) * error).abs().max_element());
         }
     }
     worst
+}
+
+/// One of a number of views so far from the origin (meters), and the direction to the light there.
+fn pose(index: u32, distance: f64) -> (ViewVolume, DVec3) {
+    let pose = f64::from(index);
+    let turn = Quat::from_euler(
+        EulerRot::YXZ,
+        (2.4 * pose) as f32,
+        (0.5 * pose.sin() - 0.2) as f32,
+        0.0,
+    );
+    let eye = DVec3::new(distance, 2.0, -distance / 3.0).as_vec3();
+    let view = volume(&perspective(1.05, 1.333), eye, turn);
+    let (y, azimuth) = (0.1 + 0.9 * (0.618 * pose).fract(), 1.7 * pose);
+    (view, DVec3::new(azimuth.cos(), y, azimuth.sin()))
 }
 
 /// Kilometers from the origin a warp's places are no less sure than a tight map's, or off by about a
@@ -71,19 +98,13 @@ fn worst_error(view: &ViewVolume, plans: &[CascadePlan]) -> f64 {
 #[test]
 fn warps_are_no_finer_than_rounding() {
     for distance in [1e3, 1e4] {
-        for pose in 0..24 {
-            let pose = f64::from(pose);
-            let turn = Quat::from_euler(
-                EulerRot::YXZ,
-                (2.4 * pose) as f32,
-                (0.5 * pose.sin() - 0.2) as f32,
-                0.0,
-            );
-            let eye = DVec3::new(distance, 2.0, -distance / 3.0).as_vec3();
-            let view = volume(&perspective(1.05, 1.333), eye, turn);
-            let (y, azimuth) = (0.1 + 0.9 * (0.618 * pose).fract(), 1.7 * pose);
-            let to_light = DVec3::new(azimuth.cos(), y, azimuth.sin());
-            let error = |fit| worst_error(&view, &plan(&view, to_light, fit));
+        for index in 0..24 {
+            let (view, to_light) = pose(index, distance);
+            let receivers = Receivers::everywhere(&view);
+            let error = |fit| {
+                let plans = plan(&view, to_light, &receivers, fit);
+                worst_error(&view, &plans, |_| DVec2::ONE)
+            };
             let most = (3.0 * error(CascadeFit::Tight)).max(0.3);
             for fit in [
                 CascadeFit::Faces,
@@ -94,9 +115,38 @@ fn warps_are_no_finer_than_rounding() {
                 let found = error(fit.clone());
                 assert!(
                     found <= most,
-                    "{fit:?}, {distance} m, {pose}: {found} {most}"
+                    "{fit:?}, {distance} m, {index}: {found} {most}"
                 );
             }
+        }
+    }
+}
+
+/// In meters, on average over views: in texels they are off by more only where those are smaller.
+#[test]
+fn fitted_maps_are_looked_up_as_exactly_as_stable_ones() {
+    // Were receivers everywhere, steady maps would be laid as stable ones are.
+    let everything = Thing {
+        center: DVec3::ZERO,
+        half: DVec3::splat(1e6),
+    };
+    for distance in [1e3, 1e4, 3e4] {
+        let error = |fit: CascadeFit| -> f64 {
+            let errors = (0..24).map(|index| {
+                let (view, to_light) = pose(index, distance);
+                let receivers = receivers_of(&view, &[everything]);
+                let plans = plan(&view, to_light, &receivers, fit.clone());
+                worst_error(&view, &plans, |map| map.texel)
+            });
+            errors.sum()
+        };
+        let stable = error(CascadeFit::Stable);
+        for fit in [CascadeFit::Steady, CascadeFit::Tight] {
+            let times = error(fit.clone()) / stable;
+            assert!(
+                times > 0.66 && times < 1.5,
+                "{fit:?}, {distance} m: {times}"
+            );
         }
     }
 }
@@ -105,7 +155,9 @@ fn warps_are_no_finer_than_rounding() {
 #[test]
 fn warps_are_as_strong_as_set_near_the_origin() {
     let view = volume(&perspective(1.05, 1.333), Vec3::Y, Quat::IDENTITY);
-    let plans = plan(&view, DVec3::Y, CascadeFit::Warped(MapWarp::Strength(1.0)));
+    let receivers = Receivers::everywhere(&view);
+    let fit = CascadeFit::Warped(MapWarp::Strength(1.0));
+    let plans = plan(&view, DVec3::Y, &receivers, fit);
     let first = plans[0].map.as_ref().expect("a map");
     approx::assert_relative_eq!(first.strength, 1.0, max_relative = 1e-6);
 }

@@ -4,7 +4,10 @@ use bevy::{
     camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
     prelude::*,
 };
-use bevy_pssm::{CasterCascades, ShadowPlans, geometry::hull::CasterHull, prelude::*};
+use bevy_pssm::{
+    CasterCascades, ShadowPlans, geometry::hull::CasterHull, plan::CasterChanges, prelude::*,
+    systems::ChangedCasters,
+};
 
 use crate::lights::{app, camera, sun};
 
@@ -217,6 +220,42 @@ fn floods_of_changes_pass() {
         is_any_drawn(&mut app, view, light)
     };
     assert!((0..10).all(|_| !frame()));
+}
+
+/// Nobody looks at casters until a light shines, and then nothing is missed of what changes.
+#[test]
+fn what_changes_at_night_is_drawn_at_sunrise() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let boxes = boxes(&mut app);
+    let shine = |app: &mut App, illuminance: f32| {
+        let mut light = app.world_mut().get_mut::<DirectionalLight>(light).unwrap();
+        light.illuminance = illuminance;
+    };
+    let changes = |app: &App| app.world().resource::<ChangedCasters>().get().clone();
+    let none = CasterChanges::At(Vec::new());
+    for _ in 0..2 {
+        app.update();
+    }
+    assert_eq!(changes(&app), none);
+    shine(&mut app, 0.0);
+    for _ in 0..3 {
+        lift(&mut app, &boxes, 0.1);
+        app.update();
+        assert_eq!(changes(&app), CasterChanges::Anywhere);
+    }
+    app.world_mut().despawn(boxes[0]);
+    app.update();
+    shine(&mut app, 1000.0);
+    assert!(is_any_drawn(&mut app, view, light));
+    for _ in 0..4 {
+        app.update();
+        assert_eq!(changes(&app), none);
+    }
+    assert!(!is_any_drawn(&mut app, view, light));
+    lift(&mut app, &boxes[1..], 0.1);
+    assert!(is_any_drawn(&mut app, view, light));
 }
 
 /// Boxes without end, and those that are sheared, are in the maps that they throw shadows into.

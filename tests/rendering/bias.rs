@@ -191,6 +191,17 @@ fn judge(
     most: Most,
 ) -> String {
     studio.apply(&Setting::pssm(name, variation.config.clone()));
+    judge_as_it_is(studio, view, variation, name, most)
+}
+
+/// As [`judge`], with the light as it is.
+fn judge_as_it_is(
+    studio: &mut Studio,
+    view: &View,
+    variation: &Variation,
+    name: &str,
+    most: Most,
+) -> String {
     let shares = studio.shares(view);
     let (found, marks) = studio.bias_faults(view, &shares, variation.reach);
     write(name, &picture(view, &shares, &marks));
@@ -343,6 +354,35 @@ fn kilometers() {
             leak: 2.0,
         },
     );
+}
+
+/// The automatic bias is the least that suffices, whatever suits Bevy's own shadows.
+#[test]
+fn fields_tuned_for_bevys_shadows_leave_no_stain() {
+    let _turn = take_turn();
+    let mut studio = case_studio(Case::Waves);
+    let view = look(&mut studio);
+    let most = Most {
+        stain: 0.0,
+        leak: 0.0,
+    };
+    let mut failures = String::new();
+    for (normal_bias, depth_bias) in [
+        (0.6, DirectionalLight::DEFAULT_SHADOW_DEPTH_BIAS),
+        (0.0, 0.0),
+        (0.9, 0.01),
+    ] {
+        for variation in variations().into_iter().take(2) {
+            let name = format!("fields_{normal_bias}_{depth_bias}_{}", variation.name);
+            studio.apply(&Setting::pssm(&name, variation.config.clone()));
+            let sun = studio.sun;
+            let mut light = studio.world().get_mut::<DirectionalLight>(sun).unwrap();
+            light.shadow_normal_bias = normal_bias;
+            light.shadow_depth_bias = depth_bias;
+            failures += &judge_as_it_is(&mut studio, &view, &variation, &name, most);
+        }
+    }
+    assert!(failures.is_empty(), "{failures}");
 }
 
 /// Mountains in meters are those in kilometers.

@@ -16,12 +16,12 @@ use bevy::{
     render::render_resource::AsBindGroup,
     shader::ShaderRef,
 };
-use bevy_pssm::prelude::*;
+use bevy_pssm::{ShadowTarget, prelude::*};
 use image::RgbaImage;
 
 use crate::{
     compare::{assert_identical, assert_same_shadows, save, share_differing},
-    stage::{SIZE, Stage, camera, shadows},
+    stage::{SIZE, Stage, camera, eye, shadows},
 };
 
 /// The scene without shadows, with Bevy's at high resolution, and with ours.
@@ -123,6 +123,39 @@ fn orthographic_camera() {
         }));
     let sun = stage.sun();
     assert_right("orthographic", &mut stage, sun);
+}
+
+/// From the midst of what is seen, as from behind all of it: Bevy's own shadows begin at the eye.
+#[test]
+fn orthographic_camera_that_sees_behind_its_eye() {
+    let mut stage = Stage::new();
+    let camera = stage.camera();
+    let stand = |stage: &mut Stage, ahead: f32, near: f32| {
+        let mut place = eye();
+        place.translation += place.forward() * ahead;
+        let lens = OrthographicProjection {
+            scaling_mode: ScalingMode::FixedVertical {
+                viewport_height: 20.0,
+            },
+            near,
+            ..OrthographicProjection::default_3d()
+        };
+        stage
+            .world()
+            .entity_mut(camera)
+            .insert((place, Projection::Orthographic(lens)));
+    };
+    let sun = stage.sun();
+    stand(&mut stage, -60.0, 0.0);
+    let pictures = take(&mut stage, sun);
+    stand(&mut stage, 40.0, -1000.0);
+    let ours = stage.picture();
+    assert_same_shadows(
+        "orthographic_midst",
+        &ours,
+        &pictures.stock,
+        &pictures.unshadowed,
+    );
 }
 
 #[test]
@@ -258,20 +291,24 @@ struct Lifted {}
 
 const LIFT: f32 = 6.0;
 const LIFTED: Handle<Shader> = uuid_handle!("5c1b8b8e-3c8f-4f43-9d0a-2d6f9a2f7c11");
+const LIFTED_IN_MAPS: Handle<Shader> = uuid_handle!("8f0d2a4b-61c3-4b7e-a5d2-94c7e3b1f026");
 
 impl MaterialExtension for Lifted {
     fn vertex_shader() -> ShaderRef {
         LIFTED.into()
     }
+
+    fn prepass_vertex_shader() -> ShaderRef {
+        LIFTED_IN_MAPS.into()
+    }
 }
 
-#[test]
-fn ground_that_a_vertex_shader_lifts() {
-    type Material = ExtendedMaterial<StandardMaterial, Lifted>;
-    let shader = format!(
-        "import bevy_pbr::render::{{
-            forward_io::{{Vertex, VertexOutput, decompress_vertex}},
-            mesh_functions, view_transformations::position_world_to_clip,
+/// The vertex shader of the pass whose inputs and outputs are in a module.
+fn lifting(io: &str) -> String {
+    format!(
+        "import bevy_pbr::{{
+            {io}::{{Vertex, VertexOutput, decompress_vertex}},
+            render::{{mesh_functions, view_transformations::position_world_to_clip}},
         }};
         @vertex
         fn vertex(compressed: Vertex) -> VertexOutput {{
@@ -281,75 +318,112 @@ fn ground_that_a_vertex_shader_lifts() {
             let local = vec4(vertex.position + vec3(0.0, {LIFT:.1}, 0.0), 1.0);
             var out: VertexOutput;
             out.world_position = mesh_functions::mesh_position_local_to_world(world_from_local, local);
-            out.world_normal = mesh_functions::mesh_normal_local_to_world(vertex.normal, index);
             out.position = position_world_to_clip(out.world_position.xyz);
+            @if(UNCLIPPED_DEPTH_ORTHO_EMULATION) {{
+            out.unclipped_depth = out.position.z;
+            out.position.z = min(out.position.z, 1.0);
+            }}
+            @if(VERTEX_NORMALS) out.world_normal =
+                mesh_functions::mesh_normal_local_to_world(vertex.normal, index);
             @if(VERTEX_UVS_A) out.uv = vertex.uv;
             @if(VERTEX_OUTPUT_INSTANCE_INDEX) out.instance_index = index;
             return out;
         }}"
-    );
-    for fit in [CascadeFit::Steady, CascadeFit::Tight] {
-        for margin in [None, Some(BoundsMargin(LIFT))] {
-            let mut stage = Stage::with_app(default(), |app| {
-                app.add_plugins(MaterialPlugin::<Material>::default());
-            });
-            stage.clear_casters();
-            stage.clear_ground();
-            let world = stage.world();
-            let shader = Shader::from_wesl(shader.clone(), "lifted.wesl");
+    )
+}
+
+#[test]
+fn what_a_vertex_shader_lifts() {
+    type Material = ExtendedMaterial<StandardMaterial, Lifted>;
+    for (fit, margin) in [
+        (CascadeFit::Steady, None),
+        (CascadeFit::Steady, Some(BoundsMargin(LIFT))),
+        (CascadeFit::Tight, None),
+        (
+            CascadeFit::Warped(MapWarp::Minimax),
+            Some(BoundsMargin(LIFT)),
+        ),
+    ] {
+        let mut stage = Stage::with_app(default(), |app| {
+            app.add_plugins(MaterialPlugin::<Material>::default());
+        });
+        stage.clear_casters();
+        stage.clear_ground();
+        let world = stage.world();
+        for (handle, io, path) in [
+            (LIFTED, "render::forward_io", "lifted.wesl"),
+            (LIFTED_IN_MAPS, "prepass::io", "lifted_in_maps.wesl"),
+        ] {
             let inserted = world
                 .resource_mut::<Assets<Shader>>()
-                .insert(&LIFTED, shader);
+                .insert(&handle, Shader::from_wesl(lifting(io), path));
             assert!(inserted.is_ok());
-            let base = StandardMaterial {
-                perceptual_roughness: 1.0,
-                ..default()
-            };
-            let plain = world
-                .resource_mut::<Assets<StandardMaterial>>()
-                .add(base.clone());
-            let lifted = world.resource_mut::<Assets<Material>>().add(Material {
-                base,
-                extension: Lifted {},
-            });
-            let mut meshes = world.resource_mut::<Assets<Mesh>>();
-            let ground = meshes.add(Plane3d::default().mesh().size(600.0, 600.0));
-            let block = meshes.add(Cuboid::from_length(3.0));
-            let ground = (
-                Mesh3d(ground),
-                MeshMaterial3d(lifted),
-                Transform::from_xyz(0.0, -LIFT, 0.0),
-                NotShadowCaster,
-            );
-            let mut ground = world.spawn(ground);
-            if let Some(margin) = margin {
-                ground.insert(margin);
-            }
-            // Above and behind the camera, which sees nothing but the ground.
-            for i in 0..24 {
-                let place = Vec3::new(
-                    -30.0 + 6.0 * (i % 8) as f32,
-                    25.0,
-                    4.0 + 7.0 * (i / 8) as f32,
-                );
-                world.spawn((
+        }
+        let base = StandardMaterial {
+            perceptual_roughness: 1.0,
+            ..default()
+        };
+        let plain = world
+            .resource_mut::<Assets<StandardMaterial>>()
+            .add(base.clone());
+        let lifted = world.resource_mut::<Assets<Material>>().add(Material {
+            base,
+            extension: Lifted {},
+        });
+        let mut meshes = world.resource_mut::<Assets<Mesh>>();
+        let ground = meshes.add(Plane3d::default().mesh().size(600.0, 600.0));
+        let block = meshes.add(Cuboid::from_length(3.0));
+        let ground = (
+            Mesh3d(ground),
+            MeshMaterial3d(lifted.clone()),
+            Transform::from_xyz(0.0, -LIFT, 0.0),
+            NotShadowCaster,
+        );
+        let mut ground = world.spawn(ground);
+        if let Some(margin) = margin {
+            ground.insert(margin);
+        }
+        // Above and behind the camera, which sees nothing but the ground.
+        let places = (0..24).map(|i| {
+            Vec3::new(
+                -30.0 + 6.0 * (i % 8) as f32,
+                25.0,
+                4.0 + 7.0 * (i / 8) as f32,
+            )
+        });
+        let blocks: Vec<(Entity, Vec3)> = places
+            .map(|place| {
+                let block = (
                     Mesh3d(block.clone()),
                     MeshMaterial3d(plain.clone()),
                     Transform::from_translation(place),
+                );
+                (world.spawn(block).id(), place)
+            })
+            .collect();
+        let sun = stage.sun();
+        let pictures = take(&mut stage, sun);
+        let fitted = ParallelSplitShadows {
+            fit: fit.clone(),
+            map_size: MapSize::Same(2048),
+            ..shadows()
+        };
+        stage.world().entity_mut(sun).insert(fitted);
+        // Blocks that are lifted to where they were throw the same shadows.
+        for (block, place) in blocks {
+            stage
+                .world()
+                .entity_mut(block)
+                .remove::<MeshMaterial3d<StandardMaterial>>()
+                .insert((
+                    MeshMaterial3d(lifted.clone()),
+                    Transform::from_translation(place - LIFT * Vec3::Y),
+                    BoundsMargin(LIFT),
                 ));
-            }
-            let sun = stage.sun();
-            let pictures = take(&mut stage, sun);
-            let fitted = ParallelSplitShadows {
-                fit: fit.clone(),
-                map_size: MapSize::Same(2048),
-                ..shadows()
-            };
-            stage.world().entity_mut(sun).insert(fitted);
-            let ours = stage.picture();
-            let name = format!("lifted_ground_{fit:?}_{}", margin.is_some());
-            assert_same_shadows(&name, &ours, &pictures.stock, &pictures.unshadowed);
         }
+        let ours = stage.picture();
+        let name = format!("lifted_ground_{fit:?}_{}", margin.is_some());
+        assert_same_shadows(&name, &ours, &pictures.stock, &pictures.unshadowed);
     }
 }
 
@@ -381,6 +455,63 @@ fn split_screen() {
     }
     let sun = stage.sun();
     assert_right("split_screen", &mut stage, sun);
+}
+
+#[test]
+fn eyes_that_share_maps() {
+    let mut stage = Stage::new();
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    let eyes: Vec<Entity> = (0..2_u32)
+        .map(|index| {
+            let bundle = camera(stage.target());
+            let aside = 0.064 * index as f32 * eye().right();
+            let at = eye().with_translation(eye().translation + aside);
+            let viewport = Viewport {
+                physical_position: UVec2::new(index * half.x, 0),
+                physical_size: half,
+                ..default()
+            };
+            let clear_color = if index == 0 {
+                default()
+            } else {
+                ClearColorConfig::None
+            };
+            let camera = Camera {
+                order: index as isize,
+                viewport: Some(viewport),
+                clear_color,
+                ..default()
+            };
+            let entity = stage.world().spawn(bundle).id();
+            stage.world().entity_mut(entity).insert((camera, at));
+            entity
+        })
+        .collect();
+    let sun = stage.sun();
+    let pictures = take(&mut stage, sun);
+    let layers = |stage: &mut Stage| {
+        for _ in 0..70 {
+            stage.step();
+        }
+        let target = stage.render_world().resource::<ShadowTarget>();
+        let present = (0..16).take_while(|layer| target.layer(*layer).is_some());
+        present.count()
+    };
+    assert_eq!(layers(&mut stage), 8);
+    let share = SharesShadowsWith(eyes[0]);
+    stage.world().entity_mut(eyes[1]).insert(share);
+    assert_eq!(layers(&mut stage), 4);
+    let shared = stage.picture();
+    let Pictures {
+        stock, unshadowed, ..
+    } = &pictures;
+    assert_same_shadows("eyes_that_share_maps", &shared, stock, unshadowed);
+    stage
+        .world()
+        .entity_mut(eyes[1])
+        .remove::<SharesShadowsWith>();
+    assert_eq!(layers(&mut stage), 8);
+    assert_identical("eyes_apart_again", &stage.picture(), &pictures.ours);
 }
 
 #[test]
@@ -548,6 +679,72 @@ fn two_suns_of_ours() {
 fn spot_and_point_lights_stay_bevys() {
     assert_stays_bevys("spot", 1024, 0, spot_light);
     assert_stays_bevys("spot_large_ours", 1500, 2, spot_light);
+}
+
+/// Shows a map instead of the scene, for no shader of Bevy's calls this lookup for a spot light.
+#[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
+struct Mapped {}
+
+const MAPPED: Handle<Shader> = uuid_handle!("b0a6f6f0-54c7-4a3f-8f3b-3c1d7be2a9e4");
+
+impl MaterialExtension for Mapped {
+    fn fragment_shader() -> ShaderRef {
+        MAPPED.into()
+    }
+}
+
+#[test]
+fn lookups_of_a_materials_own_shader_stay_bevys() {
+    type Material = ExtendedMaterial<StandardMaterial, Mapped>;
+    let shader = "import bevy_pbr::render::{
+            forward_io::{FragmentOutput, VertexOutput},
+            mesh_view_bindings::{lights, view},
+            shadow_sampling::sample_shadow_map_hardware,
+        };
+        @fragment
+        fn fragment(in: VertexOutput) -> FragmentOutput {
+            let uv = in.position.xy / view.viewport.zw;
+            // The point light comes first.
+            let layer = lights.spot_light_shadowmap_offset + 1;
+            let is_far = sample_shadow_map_hardware(uv, 0.1 / 14.0, layer);
+            var out: FragmentOutput;
+            out.color = vec4(vec3(is_far), 1.0);
+            return out;
+        }";
+    let mut stage = Stage::with_app(default(), |app| {
+        app.add_plugins(MaterialPlugin::<Material>::default());
+    });
+    let sun = stage.sun();
+    let world = stage.world();
+    spot_light(world);
+    let inserted = world
+        .resource_mut::<Assets<Shader>>()
+        .insert(&MAPPED, Shader::from_wesl(shader, "mapped.wesl"));
+    assert!(inserted.is_ok());
+    let mapped = world
+        .resource_mut::<Assets<Material>>()
+        .add(Material::default());
+    let mut meshes = world.query_filtered::<Entity, With<Mesh3d>>();
+    let meshes: Vec<Entity> = meshes.iter(world).collect();
+    for mesh in meshes {
+        world
+            .entity_mut(mesh)
+            .remove::<MeshMaterial3d<StandardMaterial>>()
+            .insert(MeshMaterial3d(mapped.clone()));
+    }
+    let stock = stage.picture();
+    // Layers are twice as wide as the spot light's map.
+    stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+        map_size: MapSize::Same(2048),
+        ..shadows()
+    });
+    let ours = stage.picture();
+    save("mapped", &ours, &stock);
+    let black = RgbaImage::new(SIZE.x, SIZE.y);
+    let bright = share_differing(&stock, &black, 240);
+    assert!((0.1..0.9).contains(&bright), "{bright} of it are far");
+    let differing = share_differing(&ours, &stock, 40);
+    assert!(differing < 0.001, "{differing} of the picture differ");
 }
 
 /// A spot light in fog.

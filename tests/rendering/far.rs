@@ -113,7 +113,7 @@ fn shadows_are_as_sharp_far_from_the_origin() {
     for offset in OFFSETS {
         let distance = offset.length();
         let bare = near_and_far(None, offset);
-        for fit in FITS {
+        for fit in FITS.into_iter().chain([CascadeFit::Tight]) {
             let name = format!("far_{fit:?}_{distance}");
             let shadowed = near_and_far(Some(&fit), offset);
             failures += &judge(&name, distance, shadowed.each_ref(), bare.each_ref());

@@ -36,16 +36,41 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
 }
 ";
 
+/// The same calls in another function.
+fn calls_in(function: &str) -> String {
+    let fragment = "@fragment\nfn fragment(@builtin(position) position: vec4<f32>) -> @location(0)";
+    assert!(ENTRY.contains(fragment));
+    ENTRY.replace(fragment, function)
+}
+
 /// As a material's vertex shader might.
 fn vertex_entry() -> String {
-    let fragment = "@fragment\nfn fragment(@builtin(position) position: vec4<f32>) -> @location(0)";
-    let vertex = "@vertex\nfn vertex(@location(0) position: vec4<f32>) -> @builtin(position)";
-    assert!(ENTRY.contains(fragment));
-    ENTRY.replace(fragment, vertex)
+    calls_in("@vertex\nfn vertex(@location(0) position: vec4<f32>) -> @builtin(position)")
+}
+
+/// As a game's compute shader might.
+fn compute_entry() -> String {
+    calls_in("fn calls(position: vec4<f32>) ->")
+        + "
+@group(3) @binding(0) var<storage, read_write> found: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn compute(@builtin(global_invocation_id) id: vec3<u32>) {
+    found[id.x] = calls(vec4(vec3<f32>(id), 1.0));
+}
+"
 }
 
 const GAUSSIAN: &str = "SHADOW_FILTER_METHOD_GAUSSIAN";
 const TEMPORAL: &str = "SHADOW_FILTER_METHOD_TEMPORAL";
+
+/// Flags of passes in which the next pixel may be another surface's.
+const RAGGED: [&str; 4] = [
+    "MAY_DISCARD",
+    "VISIBILITY_RANGE_DITHER",
+    "FORWARD_DECAL",
+    "MESHLET_MESH_MATERIAL_PASS",
+];
 
 fn load(
     device: &RenderDevice,
@@ -90,11 +115,16 @@ fn every_flag_combination_compiles() {
         entry,
         Shader::from_wesl(ENTRY, "embedded://tests/entry.wesl"),
     );
-    let other_entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(2));
-    cache.set_shader(
-        other_entry,
-        Shader::from_wesl(vertex_entry(), "embedded://tests/vertex_entry.wesl"),
-    );
+    let other_entries = [
+        (2, "vertex", vertex_entry()),
+        (3, "compute", compute_entry()),
+    ];
+    let other_entries = other_entries.map(|(number, stage, text)| {
+        let entry = AssetId::from(bevy::asset::uuid::Uuid::from_u128(number));
+        let path = format!("embedded://tests/{stage}_entry.wesl");
+        cache.set_shader(entry, Shader::from_wesl(text, path));
+        (stage, entry)
+    });
 
     let filters = [
         None,
@@ -102,7 +132,7 @@ fn every_flag_combination_compiles() {
         Some(GAUSSIAN),
         Some(TEMPORAL),
     ];
-    let platforms: [&[&str]; 5] = [
+    let platforms: [&[&str]; 7] = [
         &[],
         &[
             "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
@@ -111,6 +141,11 @@ fn every_flag_combination_compiles() {
             "MAY_DISCARD",
         ],
         &["NO_CUBE_ARRAY_TEXTURES_SUPPORT", "FORWARD_DECAL"],
+        &["VISIBILITY_RANGE_DITHER"],
+        &[
+            "AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3",
+            "MESHLET_MESH_MATERIAL_PASS",
+        ],
         &["DEFERRED_LIGHTING_PIPELINE", "DEPTH_PREPASS"],
         &["DEFERRED_LIGHTING_PIPELINE", "PCSS_SAMPLERS_AVAILABLE"],
     ];
@@ -142,7 +177,7 @@ fn every_flag_combination_compiles() {
         // All platforms with nothing and with everything, one of them in between.
         let platforms = match set {
             0 | 127 => &platforms[..],
-            _ => &platforms[set as usize % 5..][..1],
+            _ => &platforms[set as usize % platforms.len()..][..1],
         };
         for filter in filters {
             for platform in platforms {
@@ -169,7 +204,7 @@ fn every_flag_combination_compiles() {
                     ("dpdx(shading", !parts.any_stage),
                     (
                         "are_seen_square",
-                        platform.contains(&"MAY_DISCARD") || platform.contains(&"FORWARD_DECAL"),
+                        RAGGED.iter().any(|flag| platform.contains(flag)),
                     ),
                 ] {
                     assert_eq!(text.contains(name), part, "{name}: {parts:?}, {filter:?}");
@@ -182,9 +217,11 @@ fn every_flag_combination_compiles() {
             for name in &switches {
                 defs.push(ShaderDefVal::Bool((*name).into(), false));
             }
-            let found = cache.get(0, other_entry, &defs);
-            found.unwrap_or_else(|error| panic!("in a vertex shader, {parts:?}: {error}"));
+            for (stage, entry) in other_entries {
+                let found = cache.get(0, entry, &defs);
+                found.unwrap_or_else(|error| panic!("in a {stage} shader, {parts:?}: {error}"));
+            }
         }
     }
-    assert_eq!(compiled, (126 + 2 * 5) * 4);
+    assert_eq!(compiled, (126 + 2 * 7) * 4);
 }

@@ -16,7 +16,10 @@ use bevy::{
 };
 use bevy_pssm::{ShadowPlans, geometry::light_frame::angle_between, prelude::*};
 
-use crate::lights::{app, camera, sun};
+use crate::{
+    lights::{app, camera, sun},
+    warnings,
+};
 
 /// A whole app with the plugin's shadows, or with Bevy's own.
 struct Stage {
@@ -142,5 +145,34 @@ pub fn fate(is_ours: bool, harm: Harm) -> String {
         Ok((0, 0)) => "no map".to_owned(),
         Ok((0, maps)) => format!("{maps} maps"),
         Ok((broken, maps)) => format!("{maps} maps, {broken} of no numbers"),
+    }
+}
+
+/// However long it lasts, and whether a sun or a camera is to blame.
+#[test]
+fn each_light_is_told_once_of_what_is_degenerate() {
+    warnings::capture();
+    let mut stage = Stage::new(true);
+    // Lights of other tests are told the same, but none of them has such a number.
+    for _ in 0..10_000 {
+        stage.app.world_mut().spawn_empty();
+    }
+    let lights = [(); 2].map(|()| sun(&mut stage.app, ParallelSplitShadows::default()));
+    for (name, expected) in [
+        ("sun of scale 0", [1, 0]),
+        ("camera with parallel axes", [1, 1]),
+    ] {
+        let mut worlds = bad_worlds().into_iter();
+        let (_, harm) = worlds.find(|world| world.0 == name).expect("a bad world");
+        harm(stage.app.world_mut(), stage.view, lights[0]);
+        for _ in 0..3 {
+            stage.app.update();
+        }
+        let told = lights.map(|light| {
+            let of_light = format!("Light {light} or a camera has a degenerate");
+            let lines = warnings::peek().into_iter();
+            lines.filter(|line| line.contains(&of_light)).count()
+        });
+        assert_eq!(told, expected, "{name}");
     }
 }

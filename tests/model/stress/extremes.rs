@@ -3,7 +3,11 @@
 use core::cell::Cell;
 
 use bevy::math::{DVec3, EulerRot, Quat, Vec3};
-use bevy_pssm::{config::MIN_MAP_SIZE, prelude::*};
+use bevy_pssm::{
+    config::MIN_MAP_SIZE,
+    plan::{CasterChanges, split_planes},
+    prelude::*,
+};
 use proptest::prelude::*;
 
 use super::case::*;
@@ -193,6 +197,28 @@ fn every_scheme_may_have_any_range() {
             };
             case.holds();
         }
+    }
+}
+
+/// What is nearer than `near` is the first cascade's, even if that ends there.
+#[test]
+fn nothing_before_a_first_split_at_near_is_without_a_map() {
+    let config = ParallelSplitShadows {
+        cascades: 2,
+        splits: SplitScheme::Geometric {
+            gamma: 1e20,
+            bias: 0.0,
+        },
+        ..Default::default()
+    };
+    let [near, far] = [config.near, config.far].map(f64::from);
+    assert_eq!(split_planes(&config.splits, near, far, 2)[1], near);
+    for scene in [Scene::Everywhere, Scene::Boxes(vec![ALL])] {
+        let case = Case {
+            scene,
+            ..Case::with_config(config.clone())
+        };
+        case.holds();
     }
 }
 
@@ -472,6 +498,22 @@ fn scenes_may_be_small_or_large() {
     }
 }
 
+/// Millimeters, some centimeters before the eye, where `near` is a meter.
+#[test]
+fn things_may_be_tiny_and_much_nearer_than_near() {
+    let spots = [[0.2, -0.3, 0.1], [-0.5, 0.1, 0.15], [0.1, -0.2, 0.2]];
+    let placed = spots.map(|at| Placed {
+        at,
+        half: DVec3::splat(2e-3),
+    });
+    let [fov, aspect, near] = [60.0, 1.6, 0.01];
+    let case = Case {
+        scene: Scene::Boxes(placed.to_vec()),
+        ..Case::with_lens(Lens::Endless { fov, aspect, near })
+    };
+    case.holds();
+}
+
 #[test]
 fn nothing_to_shadow_is_no_map_with_any_fit() {
     let case = Case {
@@ -512,7 +554,8 @@ fn maps_may_be_small_or_large_or_both() {
     }
 }
 
-/// A turn, a cut, a jump, a change of settings, of the projection, and back.
+/// A turn, a cut, a jump, a change of settings, of the projection, and back; a sun that moves and
+/// then jumps, casters that change, and maps that wait.
 #[test]
 fn histories_may_be_of_anything() {
     let near = ParallelSplitShadows {
@@ -524,7 +567,15 @@ fn histories_may_be_of_anything() {
         map_size: MapSize::Same(777),
         ..Default::default()
     };
+    let delayed = ParallelSplitShadows {
+        delay: 2,
+        ..Default::default()
+    };
     let turned = |yaw: f32| Frame { yaw, ..STILL };
+    let waiting = |yaw: f32| Frame {
+        config: 2,
+        ..turned(yaw)
+    };
     let case = Case {
         lenses: vec![
             Lens::Endless {
@@ -539,7 +590,7 @@ fn histories_may_be_of_anything() {
                 far: 1000.0,
             },
         ],
-        configs: vec![ParallelSplitShadows::default(), near],
+        configs: vec![ParallelSplitShadows::default(), near, delayed],
         frames: vec![
             STILL,
             turned(0.05),
@@ -556,6 +607,25 @@ fn histories_may_be_of_anything() {
                 config: 1,
                 ..STILL
             },
+            STILL,
+            Frame { sun: 1e-3, ..STILL },
+            Frame {
+                sun: 0.02,
+                changes: CasterChanges::Anywhere,
+                ..STILL
+            },
+            Frame {
+                sun: 1.5,
+                changes: CasterChanges::AtOnce(None),
+                ..STILL
+            },
+            waiting(0.0),
+            Frame {
+                changes: CasterChanges::Anywhere,
+                ..waiting(0.05)
+            },
+            waiting(0.1),
+            waiting(0.1),
             STILL,
         ],
         ..Case::ordinary()

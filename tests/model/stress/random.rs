@@ -2,8 +2,10 @@
 
 use core::{f64::consts::TAU, ops::Range};
 
-use bevy::math::DVec3;
-use bevy_pssm::{config::MIN_MAP_SIZE, prelude::*};
+use bevy::math::{DMat3, DVec3};
+use bevy_pssm::{
+    config::MIN_MAP_SIZE, geometry::oriented_box::OrientedBox, plan::CasterChanges, prelude::*,
+};
 use proptest::{prelude::*, test_runner::RngSeed};
 
 use super::case::*;
@@ -101,6 +103,10 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         0.0..=1.0_f32,
         prop_oneof![Just(0.0_f32), 0.0..=1.0_f32],
     );
+    let motion = (
+        prop_oneof![Just(0.05_f32), 0.0..=1.0_f32],
+        prop_oneof![2 => Just(0), 1 => 1..5_u32],
+    );
     let comparison = (
         any::<bool>(),
         prop::bool::weighted(0.2),
@@ -114,10 +120,11 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         fit(),
         size,
         shares,
+        motion,
         comparison,
     )
         .prop_map(
-            |(cascades, far, ratio, splits, fit, size, shares, comparison)| {
+            |(cascades, far, ratio, splits, fit, size, shares, motion, comparison)| {
                 let has_faces = fit == CascadeFit::Faces;
                 let cascades = if has_faces { 4 } else { cascades };
                 let splits = match splits {
@@ -128,6 +135,7 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                 let near = (f64::from(far) / ratio).max(1e-6) as f32;
                 let (kind, sides) = size;
                 let (blend, fade, slack) = shares;
+                let (sun_step, delay) = motion;
                 let (is_to_center, is_unfocused, is_grounded) = comparison;
                 ParallelSplitShadows {
                     cascades,
@@ -144,6 +152,8 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     } else {
                         TexelGrid::Light
                     },
+                    sun_step,
+                    delay,
                     comparison: Comparison {
                         warp_axis: if is_to_center {
                             WarpAxis::BodyCenter
@@ -208,15 +218,37 @@ fn scene() -> impl Strategy<Value = Scene> {
     ]
 }
 
+/// Of none, or of some that matter to all maps.
+fn changes() -> impl Strategy<Value = CasterChanges> {
+    let all = OrientedBox {
+        center: DVec3::ZERO,
+        half_axes: DMat3::from_diagonal(ALL.half),
+    };
+    prop_oneof![
+        3 => Just(CasterChanges::At(Vec::new())),
+        1 => prop::sample::select(vec![
+            CasterChanges::At(vec![all]),
+            CasterChanges::Anywhere,
+            CasterChanges::AtOnce(Some(vec![all])),
+            CasterChanges::AtOnce(None),
+        ]),
+    ]
+}
+
 fn frame() -> impl Strategy<Value = Frame> {
     let yaw = prop_oneof![Just(0.0_f32), -0.1..0.1_f32, -3.0..3.0_f32];
     let step = prop_oneof![Just(0.0), powers(-3.0..3.0)];
-    (0..2_usize, 0..2_usize, yaw, step).prop_map(|(lens, config, yaw, step)| Frame {
-        lens,
-        config,
-        yaw,
-        step: step as f32,
-    })
+    let sun = prop_oneof![Just(0.0), powers(-5.0..0.5)];
+    (0..2_usize, 0..2_usize, yaw, step, sun, changes()).prop_map(
+        |(lens, config, yaw, step, sun, changes)| Frame {
+            lens,
+            config,
+            yaw,
+            step: step as f32,
+            sun,
+            changes,
+        },
+    )
 }
 
 fn case() -> impl Strategy<Value = Case> {
@@ -231,7 +263,7 @@ fn case() -> impl Strategy<Value = Case> {
         scene(),
         any::<bool>(),
         prop_oneof![Just(1.0), Just(4.0), Just(9.0)],
-        prop::collection::vec(frame(), 1..4),
+        prop::collection::vec(frame(), 1..7),
         prop::collection::vec(spot(), 30),
     )
         .prop_map(
