@@ -1,5 +1,7 @@
 //! The parts of large meshes that a camera stands close to.
 
+use std::borrow::Cow;
+
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     camera::primitives::Aabb,
@@ -41,6 +43,8 @@ enum Known {
         boxes: PartBoxes,
         of: usize,
         next: usize,
+        /// Of what the renderer takes away before it is worked through.
+        copy: Option<PartedMesh<'static>>,
     },
     /// The whole mesh's box and its parts', or none.
     Done(Option<(Aabb, Vec<Aabb>)>),
@@ -52,6 +56,7 @@ impl Default for Known {
             boxes: PartBoxes::default(),
             of: 0,
             next: 0,
+            copy: None,
         }
     }
 }
@@ -68,7 +73,7 @@ impl MeshBoxes {
         let known = self.known.entry(id).or_default();
         if matches!(known, Known::Working { .. }) {
             let mesh = assets.get(id).and_then(PartedMesh::new);
-            known.work(mesh.as_ref(), &mut self.spent);
+            known.work(mesh, &mut self.spent);
         }
         self.is_working |= matches!(known, Known::Working { .. });
         match known {
@@ -92,8 +97,21 @@ impl MeshBoxes {
 
 impl Known {
     /// Goes on as far as the frame allows.
-    fn work(&mut self, mesh: Option<&PartedMesh>, spent: &mut usize) {
-        let (Some(mesh), Self::Working { boxes, of, next }) = (mesh, &mut *self) else {
+    fn work(&mut self, mesh: Option<PartedMesh>, spent: &mut usize) {
+        let Self::Working {
+            boxes,
+            of,
+            next,
+            copy,
+        } = &mut *self
+        else {
+            return;
+        };
+        let leaving = mesh.as_ref().filter(|it| it.is_leaving && it.is_large());
+        if let (None, Some(mesh)) = (&copy, leaving) {
+            *copy = Some(mesh.to_owned());
+        }
+        let Some(mesh) = copy.as_ref().or(mesh.as_ref()) else {
             *self = Self::Done(None);
             return;
         };
@@ -102,13 +120,13 @@ impl Known {
             // Another mesh by now.
             (*boxes, *of, *next) = (PartBoxes::default(), all, 0);
         }
-        // What fits into a frame is never spread over several, nor what is gone after this one.
-        let steps = if all <= TRIANGLES_PER_FRAME || mesh.is_leaving {
-            2 * all
-        } else {
+        // What fits into a frame is never spread over several.
+        let steps = if mesh.is_large() {
             let left = TRIANGLES_PER_FRAME.saturating_sub(*spent);
             *spent += left;
             left
+        } else {
+            2 * all
         };
         let end = (*next + steps).min(2 * all);
         for step in *next..end {
@@ -132,9 +150,10 @@ impl Known {
 }
 
 /// A mesh that is worth parts: large, in one piece, a list of triangles.
+#[derive(Debug)]
 struct PartedMesh<'a> {
-    positions: &'a [[f32; 3]],
-    indices: &'a Indices,
+    positions: Cow<'a, [[f32; 3]]>,
+    indices: Cow<'a, Indices>,
     /// Whether the renderer takes its data away.
     is_leaving: bool,
 }
@@ -152,10 +171,22 @@ impl<'a> PartedMesh<'a> {
         let positions = vertices.as_float3()?;
         let is_worth_it = is_rigid && is_list && indices.len() / 3 >= MIN_TRIANGLES;
         is_worth_it.then_some(Self {
-            positions,
-            indices,
+            positions: Cow::Borrowed(positions),
+            indices: Cow::Borrowed(indices),
             is_leaving: mesh.asset_usage == RenderAssetUsages::RENDER_WORLD,
         })
+    }
+
+    fn to_owned(&self) -> PartedMesh<'static> {
+        PartedMesh {
+            positions: Cow::Owned(self.positions.to_vec()),
+            indices: Cow::Owned(self.indices.as_ref().clone()),
+            is_leaving: self.is_leaving,
+        }
+    }
+
+    fn is_large(&self) -> bool {
+        self.triangles() > TRIANGLES_PER_FRAME
     }
 
     fn triangles(&self) -> usize {
@@ -165,7 +196,7 @@ impl<'a> PartedMesh<'a> {
     fn triangle(&self, index: usize) -> Option<[Vec3; 3]> {
         let vertex = |corner: usize| {
             let corner = 3 * index + corner;
-            let vertex = match self.indices {
+            let vertex = match self.indices.as_ref() {
                 Indices::U16(indices) => usize::from(*indices.get(corner)?),
                 Indices::U32(indices) => *indices.get(corner)? as usize,
             };

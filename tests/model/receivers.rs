@@ -1,6 +1,7 @@
 //! What counts as receiving shadows, in an app.
 
 use bevy::{
+    asset::RenderAssetUsages,
     camera::{
         primitives::Aabb,
         visibility::{NoAutoAabb, NoCpuCulling, NoFrustumCulling, RenderLayers, VisibilityRange},
@@ -188,6 +189,12 @@ fn terrain(subdivisions: u32) -> Mesh {
 /// counts, and nothing stalls.
 #[test]
 fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
+    for usage in [RenderAssetUsages::all(), RenderAssetUsages::RENDER_WORLD] {
+        parts_are_known_some_frames_later(usage);
+    }
+}
+
+fn parts_are_known_some_frames_later(usage: RenderAssetUsages) {
     let mut setting = Setting::new(NotShadowReceiver);
     let (view, world) = (setting.view, setting.app.world_mut());
     let down = Transform::from_xyz(0.0, 60.0, 0.0).looking_to(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
@@ -195,7 +202,8 @@ fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
     let first_far = |setting: &mut Setting| setting.plans()[0].far;
     let add = |setting: &mut Setting, subdivisions: u32| {
         let world = setting.app.world_mut();
-        let mesh = terrain(subdivisions);
+        let mut mesh = terrain(subdivisions);
+        mesh.asset_usage = usage;
         let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
         world.spawn(Mesh3d(mesh)).id()
     };
@@ -206,6 +214,18 @@ fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
     add(&mut setting, 450);
     let at_first = first_far(&mut setting);
     assert!(at_first < by_parts, "{at_first} {by_parts}");
+    if usage == RenderAssetUsages::RENDER_WORLD {
+        // As a renderer does.
+        let mut meshes = setting.app.world_mut().resource_mut::<Assets<Mesh>>();
+        let huge = meshes
+            .iter()
+            .find(|(_, mesh)| mesh.count_vertices() > 100_000);
+        let huge = huge.expect("it is there").0;
+        let taken = meshes
+            .get_mut_untracked(huge)
+            .map(|mesh| mesh.take_gpu_data());
+        assert!(matches!(taken, Some(Ok(_))));
+    }
     let frames = (1..60).find(|_| first_far(&mut setting) > 60.0);
     let frames = frames.expect("parts are known in the end");
     assert!((4..30).contains(&frames), "{frames}");
