@@ -12,7 +12,7 @@ use bevy::{
         resource::Resource,
         system::Res,
     },
-    math::{Affine3A, DMat3, DVec3},
+    math::{Affine3A, DMat3, DVec3, Vec3A},
     mesh::Mesh3d,
     platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
@@ -98,6 +98,17 @@ pub(super) fn bounding_sphere(
         Margin::OwnSize => 4.0 * diagonal,
     };
     (bounds.center, radius)
+}
+
+/// The same in `f32`, of what has no margin: center, radius, and the greatest of the numbers whose sum the center is.
+pub(super) fn coarse_sphere(aabb: &Aabb, world_from_local: &Affine3A) -> (Vec3A, f32, f32) {
+    let axes = &world_from_local.matrix3;
+    let size = axes.abs();
+    let magnitude = size * aabb.center.abs() + world_from_local.translation.abs();
+    // Of the box along the world's axes.
+    let radius = (size * aabb.half_extents).length();
+    let center = axes * aabb.center + world_from_local.translation;
+    (center, radius, magnitude.max_element())
 }
 
 /// A local box in world space, with a margin around it.

@@ -24,13 +24,13 @@ use bevy::{
 use super::{
     CascadeSet, CasterCascades, ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
     SharedViews,
-    bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, world_bounds},
+    bounds::{BoundsMargin, DisplacedMeshes, Margin, bounding_sphere, coarse_sphere, world_bounds},
     moving::MovingCasters,
     publish::{empty_cascade, published_cascade},
 };
 use crate::{
     config::{CasterCulling, MapUpdates},
-    geometry::hull::{CasterHull, Sweep},
+    geometry::hull::{CasterHull, CoarseSweep, Sweep},
     plan::{CascadeMap, CascadePlan},
     support::ShadowSupport,
 };
@@ -118,6 +118,32 @@ impl Culling<'_> {
         sweeps.iter().any(|sweep| !sweep.is_far(center_ws, radius))
     }
 
+    /// As [`Self::is_near`], sooner: of those that are certainly far, most are told here.
+    fn may_be_near(
+        &self,
+        table: &CasterContiguousItem,
+        row: usize,
+        sweeps: &[CoarseSweep],
+    ) -> bool {
+        let (Some(aabbs), Some(transforms), None) = (table.aabb, table.transform, table.margin)
+        else {
+            return true;
+        };
+        if !self.is_on || table.is_unculled {
+            return true;
+        }
+        let (center, radius, magnitude) = coarse_sphere(&aabbs[row], &transforms[row].affine());
+        // Any of them may reach out of its box.
+        let radius = if self.displaced.is_empty() {
+            radius
+        } else {
+            4.0 * radius
+        };
+        !sweeps
+            .iter()
+            .all(|sweep| sweep.is_far(center, radius, magnitude))
+    }
+
     /// Those of the cascades that a caster matters to, by one of the hulls of their maps.
     fn cascades(
         &self,
@@ -174,6 +200,7 @@ fn cull(
         return casters.iter().filter_map(|it| found(&it)).collect();
     };
     let sweeps = culling.sweeps(among);
+    let coarse: Vec<_> = sweeps.iter().map(Sweep::coarse).collect();
     let tables: Vec<_> = tables.collect();
     // Many a table has few rows.
     let (mut batches, mut batch, mut rows) = (Vec::new(), Vec::new(), 0);
@@ -192,11 +219,12 @@ fn cull(
     let pool = ComputeTaskPool::get_or_init(TaskPool::default);
     let all = pool.scope(|scope| {
         for batch in batches {
-            let (found, sweeps) = (&found, &sweeps);
+            let (found, sweeps, coarse) = (&found, &sweeps, &coarse);
             scope.spawn(async move {
                 let mut all = Vec::new();
                 for (table, rows) in batch {
-                    let near = rows.map(|row| table.row(row));
+                    let near = rows.filter(|row| culling.may_be_near(table, *row, coarse));
+                    let near = near.map(|row| table.row(row));
                     let near = near.filter(|caster| culling.is_near(caster, sweeps));
                     all.extend(near.filter_map(|caster| found(&caster)));
                 }

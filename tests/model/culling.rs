@@ -1,6 +1,6 @@
 //! The caster hull: never loses what can throw a shadow into the slice.
 
-use bevy::math::{DMat3, DVec3, Quat, Vec3};
+use bevy::math::{DMat3, DVec3, Quat, Vec3, Vec3A};
 use bevy_pssm::geometry::{
     body::ConvexBody, hull::CasterHull, oriented_box::OrientedBox, slice::Slice,
 };
@@ -79,6 +79,54 @@ proptest! {
         let body = ConvexBody::of_slice(&slice);
         prop_assert!(wide.contains(&body, margin) && !wide.contains(&body, margin + 1e-6));
     }
+}
+
+proptest! {
+    /// However far from the origin, and however near to a sweep's edge.
+    #[test]
+    fn what_is_far_in_f32_is_far(
+        origin in 0.0..7.0_f64,
+        towards in any_direction(),
+        to_light in any_direction(),
+        size in -2.0..4.0_f64,
+        beside in any_direction(),
+        share in prop_oneof![0.9999..1.0001_f64, 0.0..3.0],
+        radius in 0.0..2.0_f64,
+    ) {
+        let half = DVec3::splat(10_f64.powf(size));
+        let center = 10_f64.powf(origin) * towards;
+        let body = ConvexBody::of_box(center - half, center + half);
+        let sweep = CasterHull::new(&body, to_light, 0.0).sweep;
+        let radius = radius * half.x;
+        let at = center + share * (half.length() + radius) * beside;
+        let [x, y, z] = at.as_vec3().to_array();
+        let magnitude = at.abs().max_element() as f32;
+        let is_far = |growth: f32| {
+            let radius = radius as f32 * growth;
+            sweep.coarse().is_far(Vec3A::new(x, y, z), radius, magnitude)
+        };
+        if is_far(1.0 + f32::EPSILON) {
+            prop_assert!(sweep.is_far(at, radius), "far in f32 only");
+        }
+        // It is of use, too.
+        let spare = 1e-5 * (10_f64.powf(origin) + half.x + radius);
+        if sweep.is_far(at, radius + spare) {
+            prop_assert!(is_far(1.0), "far, but not in f32");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_number_is_far_from_nothing_in_f32() {
+    let body = ConvexBody::of_box(-DVec3::ONE, DVec3::ONE);
+    let sweep = CasterHull::new(&body, DVec3::Y, 0.0).sweep.coarse();
+    let aside = Vec3A::new(1e9, 0.0, 0.0);
+    assert!(sweep.is_far(aside, 1.0, 1e9));
+    assert!(!sweep.is_far(Vec3A::NAN, 1.0, 1.0));
+    assert!(!sweep.is_far(aside, f32::NAN, 1e9));
+    assert!(!sweep.is_far(aside, f32::INFINITY, 1e9));
+    assert!(!sweep.is_far(aside, 1.0, f32::NAN));
+    assert!(!CasterHull::default().sweep.coarse().is_far(aside, 1.0, 1e9));
 }
 
 #[test]
