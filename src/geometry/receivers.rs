@@ -90,6 +90,7 @@ impl Extent {
 pub struct Receivers {
     depth: Depth,
     nearest: f64,
+    farthest: f64,
     boxes: Vec<Extent>,
     everywhere: bool,
     fog: bool,
@@ -106,11 +107,18 @@ impl Receivers {
         Self {
             depth: Depth::new(view),
             nearest: view.nearest(),
+            farthest: view.far,
             boxes: Vec::new(),
             everywhere: false,
             fog: false,
             found: Mutex::default(),
         }
+    }
+
+    /// Leaves out what is wholly deeper than that (meters).
+    pub fn before(mut self, depth: f64) -> Self {
+        self.farthest = self.farthest.min(depth);
+        self
     }
 
     /// Something that receives shadows wherever the camera looks.
@@ -134,7 +142,7 @@ impl Receivers {
         self.everywhere = true;
     }
 
-    /// Adds what lies in a box. Not if the box is not finite or wholly before what is seen.
+    /// Adds what lies in a box. Not if the box is not finite or wholly before or behind what is seen.
     pub fn add(&mut self, bounds: &OrientedBox) {
         let OrientedBox { center, half_axes } = bounds;
         let half = half_axes.x_axis.abs() + half_axes.y_axis.abs() + half_axes.z_axis.abs();
@@ -145,7 +153,8 @@ impl Receivers {
             lo: middle - half,
             hi: middle + half,
         };
-        if bounds.is_finite() && bounds.hi.w >= self.nearest {
+        let is_seen = bounds.hi.w >= self.nearest && bounds.lo.w <= self.farthest;
+        if bounds.is_finite() && is_seen {
             self.boxes.push(bounds);
             self.found
                 .get_mut()

@@ -118,19 +118,19 @@ impl Culling<'_> {
         sweeps.iter().any(|sweep| !sweep.is_far(center_ws, radius))
     }
 
-    /// As [`Self::is_near`], sooner: of those that are certainly far, most are told here.
-    fn may_be_near(
+    /// As [`Self::is_near`], sooner. `None` if that has to tell.
+    fn is_coarsely_near(
         &self,
         table: &CasterContiguousItem,
         row: usize,
         sweeps: &[CoarseSweep],
-    ) -> bool {
+    ) -> Option<bool> {
         let (Some(aabbs), Some(transforms), None) = (table.aabb, table.transform, table.margin)
         else {
-            return true;
+            return None;
         };
         if !self.is_on || table.is_unculled {
-            return true;
+            return Some(true);
         }
         let (center, radius, magnitude) = coarse_sphere(&aabbs[row], &transforms[row].affine());
         // Any of them may reach out of its box.
@@ -139,9 +139,8 @@ impl Culling<'_> {
         } else {
             4.0 * radius
         };
-        !sweeps
-            .iter()
-            .all(|sweep| sweep.is_far(center, radius, magnitude))
+        let is_far = |sweep: &CoarseSweep| sweep.is_far(center, radius, magnitude);
+        Some(!sweeps.iter().all(is_far))
     }
 
     /// Those of the cascades that a caster matters to, by one of the hulls of their maps.
@@ -165,13 +164,13 @@ impl Culling<'_> {
             (Some(aabb), Some(transform)) if self.is_on && !caster.is_unculled => {
                 let margin = Margin::of(caster.entity, caster.margin, self.displaced);
                 let affine = transform.affine();
-                let (center_ws, radius) = bounding_sphere(aabb, &affine, margin);
+                let bounds = world_bounds(aabb, &affine, margin);
+                let (center_ws, radius) = (bounds.center, bounds.radius());
                 let is_near = |map: &CascadeMap| hull(map).intersects_sphere(center_ws, radius);
                 let near = among.and(maps_where(self.plan, is_near));
                 if near.is_empty() {
                     return near;
                 }
-                let bounds = world_bounds(aabb, &affine, margin);
                 near.and(maps_where(self.plan, |map| {
                     hull(map).intersects_box(&bounds)
                 }))
@@ -223,9 +222,12 @@ fn cull(
             scope.spawn(async move {
                 let mut all = Vec::new();
                 for (table, rows) in batch {
-                    let near = rows.filter(|row| culling.may_be_near(table, *row, coarse));
+                    let near = rows.filter(|row| {
+                        let is_near = || culling.is_near(&table.row(*row), sweeps);
+                        let coarsely = culling.is_coarsely_near(table, *row, coarse);
+                        coarsely.unwrap_or_else(is_near)
+                    });
                     let near = near.map(|row| table.row(row));
-                    let near = near.filter(|caster| culling.is_near(caster, sweeps));
                     all.extend(near.filter_map(|caster| found(&caster)));
                 }
                 all

@@ -13,14 +13,14 @@ use bevy::{
         system::Query,
     },
     light::NotShadowReceiver,
-    math::{DAffine3, DMat3},
+    math::{Affine3A, DAffine3, DMat3, Vec3A},
     mesh::{Mesh, Mesh3d},
     transform::components::GlobalTransform,
 };
 
 use super::{
     MeshBoxes,
-    bounds::{BoundsMargin, Margin, world_bounds},
+    bounds::{BoundsMargin, Margin, coarse_sphere, world_bounds},
 };
 use crate::geometry::{oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume};
 
@@ -38,9 +38,10 @@ pub struct ReceiverMesh {
 
 pub(super) type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
-/// The boxes of what a camera sees.
+/// The boxes of what a camera sees, but for what is wholly deeper than `far` (meters).
 pub(super) fn receivers(
     view: &ViewVolume,
+    far: f64,
     meshes: &Query<ReceiverMesh, IsReceiver>,
     visible: impl Iterator<Item = Entity>,
     assets: Option<&Assets<Mesh>>,
@@ -48,7 +49,8 @@ pub(super) fn receivers(
     displaced: &EntityHashSet,
 ) -> Receivers {
     let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
-    let mut receivers = Receivers::new(view);
+    let mut receivers = Receivers::new(view).before(far);
+    let may_be_seen = BeforeDepth::new(view, far);
     for it in meshes.iter_many(visible).flatten() {
         match it.aabb {
             _ if !it.inherited.get() => {}
@@ -56,6 +58,9 @@ pub(super) fn receivers(
             None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
             Some(aabb) if !it.is_unculled && aabb.half_extents.is_finite() => {
                 let world_from_local = it.transform.affine();
+                if it.margin.is_none() && !may_be_seen.holds(aabb, &world_from_local) {
+                    continue;
+                }
                 let margin = Margin::of(it.entity, it.margin, displaced);
                 let bounds = world_bounds(aabb, &world_from_local, margin);
                 let has_parts = !it.has_no_bounds && margin != Margin::OwnSize;
@@ -78,6 +83,34 @@ pub(super) fn receivers(
         }
     }
     receivers
+}
+
+/// What is not certainly deeper than that, in `f32`: sooner told than by boxes.
+struct BeforeDepth {
+    eye: Vec3A,
+    per_meter: Vec3A,
+    far: f32,
+}
+
+impl BeforeDepth {
+    fn new(view: &ViewVolume, far: f64) -> Self {
+        Self {
+            eye: view.eye.as_vec3a(),
+            per_meter: view.per_depth().as_vec3a(),
+            far: far as f32,
+        }
+    }
+
+    /// Whether it may hold something of a mesh that reaches out of its box by its own size at most.
+    fn holds(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
+        const ROUNDING: f32 = 1e-6;
+        let (center, radius, magnitude) = coarse_sphere(aabb, world_from_local);
+        let depth = self.per_meter.dot(center - self.eye);
+        let rounding = ROUNDING * (magnitude + self.eye.abs().max_element() + self.far.abs());
+        let reach = (4.0 * radius + 4.0 * rounding) * self.per_meter.length();
+        // What is no number is not certain.
+        !(depth - reach > self.far * (1.0 + ROUNDING))
+    }
 }
 
 /// Whether the eye is in a box, or almost: then boxes of the mesh's parts say more.

@@ -134,6 +134,8 @@ struct Seen {
 /// The receivers before a camera, and what they were gathered from.
 pub struct Gathered {
     volume: ViewVolume,
+    /// Of the lights that they are for (meters).
+    far: f64,
     visible: Vec<Entity>,
     receivers: Receivers,
     /// No more of them will be known in the next frame.
@@ -196,10 +198,10 @@ pub fn plan_shadows(
     (mut warned, mut warned_of_memory): (Local<EntityHashSet>, Local<bool>),
 ) {
     let displaced = displaced.get();
-    let shining: Vec<(RenderLayers, ShadowFocus)> = lights
+    let shining: Vec<(RenderLayers, &ParallelSplitShadows)> = lights
         .iter()
         .filter(|it| shines(it.light, it.inherited))
-        .filter_map(|it| Some((layers_of(it.layers), it.managed.config()?.comparison.focus)))
+        .filter_map(|it| Some((layers_of(it.layers), it.managed.config()?)))
         .collect();
     let active = || cameras.iter().filter(|it| it.camera.is_active);
     // Bevy's pass draws for each camera.
@@ -223,16 +225,22 @@ pub fn plan_shadows(
             let meeting = shining
                 .iter()
                 .filter(|(light, _)| light.intersects(&layers));
-            let foci: Vec<ShadowFocus> = meeting.map(|(_, focus)| *focus).collect();
+            let meeting: Vec<_> = meeting.map(|(_, config)| *config).collect();
+            let far = meeting
+                .iter()
+                .map(|config| f64::from(config.far))
+                .fold(0.0, f64::max);
             let own_volume = || view_volume(it.transform, it.projection, it.camera);
             let view = match shared.volume_of(it.entity).or_else(own_volume) {
-                _ if foci.is_empty() => View::Unlit,
+                _ if meeting.is_empty() => View::Unlit,
                 None => View::Degenerate,
                 Some(volume) => {
                     let all = || guests.iter().chain([&it]);
                     let heights = all().filter_map(|it| it.camera.physical_viewport_size());
                     let height = heights.map(|size| size.y).max().unwrap_or(1);
-                    let is_focused = foci.contains(&ShadowFocus::Receivers);
+                    let is_focused = meeting
+                        .iter()
+                        .any(|config| config.comparison.focus == ShadowFocus::Receivers);
                     let visible = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
                     let visible = visible.copied().chain(&unculled);
                     let mut visible: Vec<Entity> = visible.filter(|_| is_focused).collect();
@@ -242,18 +250,22 @@ pub fn plan_shadows(
                     }
                     let is_same = gathered.get(&it.entity).is_some_and(|last| {
                         let is_known = last.is_settled && parts.are_settled();
-                        is_known && last.volume == volume && last.visible == visible
+                        let is_there = last.volume == volume && last.far == far;
+                        is_known && is_there && last.visible == visible
                     });
                     if !is_same || changed.have_receivers_changed() {
                         let receivers = if is_focused {
                             let visible = visible.iter().copied();
                             let assets = assets.as_deref();
-                            receivers(&volume, &meshes, visible, assets, &mut parts, &displaced)
+                            receivers(
+                                &volume, far, &meshes, visible, assets, &mut parts, &displaced,
+                            )
                         } else {
                             Receivers::everywhere(&volume)
                         };
                         let gathered_now = Gathered {
                             volume,
+                            far,
                             visible,
                             receivers,
                             is_settled: parts.take_is_settled(),
