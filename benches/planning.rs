@@ -162,69 +162,6 @@ enum Moves {
 /// What a frame costs the main world, beside the systems of Bevy's that the plugin's stand in for, in the
 /// same world.
 fn frames(criterion: &mut Criterion) {
-    if std::env::var("SPLIT").is_ok() {
-        let count: usize = std::env::var("SPLIT").unwrap().parse().unwrap();
-        for (name, moves) in [
-            ("all", Moves::All),
-            ("camera", Moves::Camera),
-            ("some", Moves::Some),
-            ("nothing", Moves::Nothing),
-        ] {
-            let mut app = wide_app(count, 1, ParallelSplitShadows::default());
-            let world = app.world_mut();
-            let mut a = IntoSystem::into_system(find_changes);
-            a.initialize(world);
-            let mut b = IntoSystem::into_system(plan_shadows);
-            b.initialize(world);
-            let mut c = IntoSystem::into_system(cull_casters);
-            c.initialize(world);
-            let mut t = [Duration::ZERO; 3];
-            for frame in 0..220 {
-                if frame == 20 {
-                    t = [Duration::ZERO; 3];
-                }
-                advance(world, moves, frame);
-                let s = Instant::now();
-                let _ = a.run((), world);
-                t[0] += s.elapsed();
-                let s = Instant::now();
-                let _ = b.run((), world);
-                t[1] += s.elapsed();
-                let s = Instant::now();
-                let _ = c.run((), world);
-                t[2] += s.elapsed();
-            }
-            let mut o = wide_app(count, 1, ());
-            let world = o.world_mut();
-            let mut bevys = Schedule::default();
-            bevys.add_systems(
-                (
-                    build_directional_light_cascades,
-                    update_directional_light_frusta,
-                    check_dir_light_mesh_visibility,
-                )
-                    .chain(),
-            );
-            let mut u = Duration::ZERO;
-            for frame in 0..220 {
-                if frame == 20 {
-                    u = Duration::ZERO;
-                }
-                advance(world, moves, frame);
-                let s = Instant::now();
-                bevys.run(world);
-                u += s.elapsed();
-            }
-            eprintln!(
-                "{name}: find {:?} plan {:?} cull {:?} | bevy {:?}",
-                t[0] / 200,
-                t[1] / 200,
-                t[2] / 200,
-                u / 200
-            );
-        }
-        return;
-    }
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
     for (count, views) in [

@@ -97,7 +97,7 @@ impl ChangedCasters {
 const MOST: usize = 4096;
 
 /// While records are old, so many of the meshes that may have changed tell whether too many still do.
-const SAMPLE: usize = 256;
+const SAMPLE: usize = 128;
 
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(

@@ -50,7 +50,7 @@ pub(super) fn receivers(
 ) -> Receivers {
     let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
     let mut receivers = Receivers::new(view).before(far);
-    let may_be_seen = BeforeDepth::new(view, far);
+    let range = Range::new(view, far);
     for it in meshes.iter_many(visible).flatten() {
         match it.aabb {
             _ if !it.inherited.get() => {}
@@ -58,7 +58,7 @@ pub(super) fn receivers(
             None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
             Some(aabb) if !it.is_unculled && aabb.half_extents.is_finite() => {
                 let world_from_local = it.transform.affine();
-                if it.margin.is_none() && !may_be_seen.holds(aabb, &world_from_local) {
+                if it.margin.is_none() && range.ends_before(aabb, &world_from_local) {
                     continue;
                 }
                 let margin = Margin::of(it.entity, it.margin, displaced);
@@ -85,14 +85,14 @@ pub(super) fn receivers(
     receivers
 }
 
-/// What is not certainly deeper than that, in `f32`: sooner told than by boxes.
-struct BeforeDepth {
+/// How deep a camera sees shadows, in `f32`: what lies beyond is sooner told than by boxes.
+struct Range {
     eye: Vec3A,
     per_meter: Vec3A,
     far: f32,
 }
 
-impl BeforeDepth {
+impl Range {
     fn new(view: &ViewVolume, far: f64) -> Self {
         Self {
             eye: view.eye.as_vec3a(),
@@ -101,15 +101,14 @@ impl BeforeDepth {
         }
     }
 
-    /// Whether it may hold something of a mesh that reaches out of its box by its own size at most.
-    fn holds(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
+    /// Whether a mesh that reaches out of its box by its own size at most is certainly deeper.
+    fn ends_before(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
         const ROUNDING: f32 = 1e-6;
         let (center, radius, magnitude) = coarse_sphere(aabb, world_from_local);
         let depth = self.per_meter.dot(center - self.eye);
         let rounding = ROUNDING * (magnitude + self.eye.abs().max_element() + self.far.abs());
         let reach = (4.0 * radius + 4.0 * rounding) * self.per_meter.length();
-        // What is no number is not certain.
-        !(depth - reach > self.far * (1.0 + ROUNDING))
+        depth - reach > self.far * (1.0 + ROUNDING)
     }
 }
 

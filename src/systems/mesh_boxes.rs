@@ -1,7 +1,5 @@
 //! The parts of large meshes that a camera stands close to.
 
-use std::borrow::Cow;
-
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     camera::primitives::Aabb,
@@ -44,7 +42,7 @@ enum Known {
         of: usize,
         next: usize,
         /// Of what the renderer takes away before it is worked through.
-        copy: Option<PartedMesh<'static>>,
+        copy: Option<MeshCopy>,
     },
     /// The whole mesh's box and its parts', or none.
     Done(Option<(Aabb, Vec<Aabb>)>),
@@ -109,9 +107,9 @@ impl Known {
         };
         let leaving = mesh.as_ref().filter(|it| it.is_leaving && it.is_large());
         if let (None, Some(mesh)) = (&copy, leaving) {
-            *copy = Some(mesh.to_owned());
+            *copy = Some(mesh.copy());
         }
-        let Some(mesh) = copy.as_ref().or(mesh.as_ref()) else {
+        let Some(mesh) = copy.as_ref().map(MeshCopy::parted).or(mesh) else {
             *self = Self::Done(None);
             return;
         };
@@ -149,11 +147,26 @@ impl Known {
     }
 }
 
-/// A mesh that is worth parts: large, in one piece, a list of triangles.
 #[derive(Debug)]
+struct MeshCopy {
+    positions: Vec<[f32; 3]>,
+    indices: Indices,
+}
+
+impl MeshCopy {
+    fn parted(&self) -> PartedMesh<'_> {
+        PartedMesh {
+            positions: &self.positions,
+            indices: &self.indices,
+            is_leaving: true,
+        }
+    }
+}
+
+/// A mesh that is worth parts: large, in one piece, a list of triangles.
 struct PartedMesh<'a> {
-    positions: Cow<'a, [[f32; 3]]>,
-    indices: Cow<'a, Indices>,
+    positions: &'a [[f32; 3]],
+    indices: &'a Indices,
     /// Whether the renderer takes its data away.
     is_leaving: bool,
 }
@@ -171,17 +184,16 @@ impl<'a> PartedMesh<'a> {
         let positions = vertices.as_float3()?;
         let is_worth_it = is_rigid && is_list && indices.len() / 3 >= MIN_TRIANGLES;
         is_worth_it.then_some(Self {
-            positions: Cow::Borrowed(positions),
-            indices: Cow::Borrowed(indices),
+            positions,
+            indices,
             is_leaving: mesh.asset_usage == RenderAssetUsages::RENDER_WORLD,
         })
     }
 
-    fn to_owned(&self) -> PartedMesh<'static> {
-        PartedMesh {
-            positions: Cow::Owned(self.positions.to_vec()),
-            indices: Cow::Owned(self.indices.as_ref().clone()),
-            is_leaving: self.is_leaving,
+    fn copy(&self) -> MeshCopy {
+        MeshCopy {
+            positions: self.positions.to_vec(),
+            indices: self.indices.clone(),
         }
     }
 
@@ -196,7 +208,7 @@ impl<'a> PartedMesh<'a> {
     fn triangle(&self, index: usize) -> Option<[Vec3; 3]> {
         let vertex = |corner: usize| {
             let corner = 3 * index + corner;
-            let vertex = match self.indices.as_ref() {
+            let vertex = match self.indices {
                 Indices::U16(indices) => usize::from(*indices.get(corner)?),
                 Indices::U32(indices) => *indices.get(corner)? as usize,
             };

@@ -221,9 +221,7 @@ fn parts_are_known_some_frames_later(usage: RenderAssetUsages) {
             .iter()
             .find(|(_, mesh)| mesh.count_vertices() > 100_000);
         let huge = huge.expect("it is there").0;
-        let taken = meshes
-            .get_mut_untracked(huge)
-            .map(|mesh| mesh.take_gpu_data());
+        let taken = meshes.get_mut_untracked(huge).map(Mesh::take_gpu_data);
         assert!(matches!(taken, Some(Ok(_))));
     }
     let frames = (1..60).find(|_| first_far(&mut setting) > 60.0);
