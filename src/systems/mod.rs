@@ -3,6 +3,7 @@
 mod bounds;
 mod caster_cascades;
 mod caster_state;
+mod casters;
 mod changes;
 mod cull;
 mod diagnostics;
