@@ -68,6 +68,7 @@ impl Sweep {
 impl CoarseSweep {
     /// Whether a sphere is certainly far from the sweep ([`Sweep::is_far`]): one whose center is the sum of
     /// numbers up to `magnitude`. Not if any is no number.
+    #[inline]
     pub fn is_far(&self, center: Vec3A, radius: f32, magnitude: f32) -> bool {
         let offset = center - self.center;
         let along = offset.dot(self.to_light).max(0.0);

@@ -101,6 +101,7 @@ pub(super) fn bounding_sphere(
 }
 
 /// The same in `f32`, of what has no margin: center, radius, and the greatest of the numbers whose sum the center is.
+#[inline]
 pub(super) fn coarse_sphere(aabb: &Aabb, world_from_local: &Affine3A) -> (Vec3A, f32, f32) {
     let axes = &world_from_local.matrix3;
     let size = axes.abs();

@@ -97,6 +97,7 @@ impl Culling<'_> {
     }
 
     /// As [`Self::is_near`], sooner. `None` if that has to tell.
+    #[inline]
     fn is_coarsely_near(
         &self,
         table: &CasterContiguousItem,

@@ -102,6 +102,7 @@ impl Range {
     }
 
     /// Whether a mesh that reaches out of its box by its own size at most is certainly deeper.
+    #[inline]
     fn ends_before(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
         const ROUNDING: f32 = 1e-6;
         let (center, radius, magnitude) = coarse_sphere(aabb, world_from_local);
