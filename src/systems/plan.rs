@@ -81,9 +81,14 @@ pub struct CameraCut {
 pub struct ShadowGridOrigin(pub DVec3);
 
 /// Forgets what was held for a camera.
-pub(super) fn forget_cut_view(cut: On<CameraCut>, mut lights: Query<&mut ShadowPlans>) {
+pub(super) fn forget_cut_view(
+    cut: On<CameraCut>,
+    shared: Res<SharedViews>,
+    mut lights: Query<&mut ShadowPlans>,
+) {
+    let planned = shared.host_of(cut.entity).unwrap_or(cut.entity);
     for mut plans in &mut lights {
-        plans.history.remove(&cut.entity);
+        plans.history.remove(&planned);
     }
 }
 
@@ -241,25 +246,25 @@ pub fn plan_shadows(
                     let is_focused = meeting
                         .iter()
                         .any(|config| config.comparison.focus == ShadowFocus::Receivers);
-                    let visible = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
-                    let visible = visible.copied().chain(&unculled);
-                    let mut visible: Vec<Entity> = visible.filter(|_| is_focused).collect();
-                    if !guests.is_empty() {
-                        visible.sort_unstable();
-                        visible.dedup();
-                    }
+                    let visible = || {
+                        let meshes = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
+                        meshes.copied().chain(&unculled).filter(|_| is_focused)
+                    };
                     let is_same = gathered.get(&it.entity).is_some_and(|last| {
                         let is_known = last.is_settled && parts.are_settled();
                         let is_there = last.volume == volume && last.far == far;
-                        is_known && is_there && last.visible == visible
+                        is_known && is_there && visible().eq(last.visible.iter().copied())
                     });
                     if !is_same || changed.have_receivers_changed() {
+                        let visible: Vec<Entity> = visible().collect();
                         let receivers = if is_focused {
-                            let visible = visible.iter().copied();
+                            let mut once = visible.clone();
+                            if !guests.is_empty() {
+                                once.sort_unstable();
+                                once.dedup();
+                            }
                             let assets = assets.as_deref();
-                            receivers(
-                                &volume, far, &meshes, visible, assets, &mut parts, &displaced,
-                            )
+                            receivers(&volume, far, &meshes, once, assets, &mut parts, &displaced)
                         } else {
                             Receivers::everywhere(&volume)
                         };
