@@ -980,14 +980,31 @@ fn cameras_that_see_the_same_share_maps() {
     app.world_mut().entity_mut(cameras[1]).insert(zoomed);
     app.update();
     assert_eq!(planned(&app, light), cameras);
+
+    // Where one shares a third one's, made for more, the other needs its own.
+    let eye = camera(&mut app);
+    let aside = Transform::from_xyz(3.0, 2.0, 0.0);
+    app.world_mut().entity_mut(eye).insert(aside);
+    app.world_mut()
+        .entity_mut(cameras[0])
+        .insert(SharesShadowsWith(eye));
+    let same = camera(&mut app);
+    app.update();
+    assert_eq!(planned(&app, light), [cameras[1], eye, same]);
 }
 
 #[test]
 fn spot_lights_and_other_suns_count_towards_the_memory_limit() {
-    for (spots, suns, side) in [(0, 0, 2048), (1, 0, 1024), (0, 1, 1024)] {
+    for (spots, suns, theirs, side) in [
+        (0, 0, 1024, 2048),
+        (1, 0, 1024, 1024),
+        (0, 1, 1024, 1024),
+        // Layers would be as large all the same.
+        (1, 0, 2048, 2048),
+    ] {
         let mut app = app();
         app.insert_resource(ShadowMemoryLimit(4 * 4 * 2048 * 2048))
-            .insert_resource(DirectionalLightShadowMap { size: 1024 });
+            .insert_resource(DirectionalLightShadowMap { size: theirs });
         let light = sun(&mut app, ParallelSplitShadows::default());
         for _ in 0..spots {
             app.world_mut().spawn(SpotLight {
@@ -1006,7 +1023,7 @@ fn spot_lights_and_other_suns_count_towards_the_memory_limit() {
         assert_eq!(
             sides(&app, light),
             [side],
-            "{spots} spot lights, {suns} suns"
+            "{spots} spot lights, {suns} suns, {theirs} texels"
         );
     }
 }

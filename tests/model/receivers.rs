@@ -11,7 +11,10 @@ use bevy::{
     mesh::VertexAttributeValues,
     prelude::*,
 };
-use bevy_pssm::{ShadowPlans, geometry::hysteresis::SHRINK_DELAY, plan::CascadePlan, prelude::*};
+use bevy_pssm::{
+    CasterCascades, ShadowPlans, geometry::hysteresis::SHRINK_DELAY, plan::CascadePlan, prelude::*,
+    systems::DisplacedMeshes,
+};
 
 use crate::lights::{app, sun};
 
@@ -69,6 +72,52 @@ impl Setting {
 
 #[derive(Component)]
 struct Extra;
+
+/// Lights that reach less far take nothing from one that sees it.
+#[test]
+fn each_light_has_what_is_in_its_range() {
+    let mut setting = Setting::new(());
+    let near = ParallelSplitShadows {
+        far: 20.0,
+        ..default()
+    };
+    let near = sun(&mut setting.app, near);
+    assert_eq!(setting.maps().1, 1);
+    let plans = setting.app.world().get::<ShadowPlans>(near).unwrap();
+    let mut of_near = plans.views[&setting.view].iter();
+    assert!(of_near.all(|plan| plan.map.is_none()));
+}
+
+/// As large as it is, it may reach from beside a receiver to over it.
+#[test]
+fn casters_that_a_vertex_shader_moves_are_culled_with_room() {
+    let mut setting = Setting::new(());
+    let caster = (
+        Mesh3d::default(),
+        NotShadowReceiver,
+        Aabb::from_min_max(Vec3::splat(-5.0), Vec3::splat(5.0)),
+        Transform::from_xyz(0.0, 0.0, -49.9),
+        Visibility::default(),
+    );
+    let caster = setting.app.world_mut().spawn(caster).id();
+    for moves in [false, true] {
+        let displaced = setting.app.world().resource::<DisplacedMeshes>();
+        displaced.update(|known| {
+            if moves {
+                known.insert(caster);
+            }
+        });
+        setting.plans();
+        let casters = setting.app.world().get::<CasterCascades>(setting.light);
+        let casters = casters.unwrap();
+        let (views, moving) = (
+            &casters.views[&setting.view],
+            casters.moving.get(&setting.view),
+        );
+        let mut held = views.iter().chain(moving.into_iter().flatten());
+        assert_eq!(held.any(|(held, _)| *held == caster), moves);
+    }
+}
 
 #[test]
 fn maps_are_fitted_to_what_is_seen() {

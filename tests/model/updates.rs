@@ -5,7 +5,10 @@ use bevy::{
     prelude::*,
 };
 use bevy_pssm::{
-    CasterCascades, ShadowPlans, geometry::hull::CasterHull, plan::CasterChanges, prelude::*,
+    CasterCascades, ShadowPlans,
+    geometry::{hull::CasterHull, oriented_box::OrientedBox},
+    plan::CasterChanges,
+    prelude::*,
     systems::ChangedCasters,
 };
 
@@ -254,8 +257,15 @@ fn what_changes_at_night_is_drawn_at_sunrise() {
         assert_eq!(changes(&app), none);
     }
     assert!(!is_any_drawn(&mut app, view, light));
-    lift(&mut app, &boxes[1..], 0.1);
+    // Where it stood at dawn, its shadow has to go.
+    let before_the_camera = 20 * 40 + 18;
+    lift(&mut app, &boxes[before_the_camera..][..1], 5.0);
     assert!(is_any_drawn(&mut app, view, light));
+    let CasterChanges::At(places) = changes(&app) else {
+        panic!("few have changed");
+    };
+    let stood = |place: &OrientedBox| (place.center.y - 0.8).abs() < 1e-3;
+    assert!(places.iter().any(stood), "{places:?}");
 }
 
 /// Boxes without end, and those that are sheared, are in the maps that they throw shadows into.
