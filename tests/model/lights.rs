@@ -989,6 +989,9 @@ fn cameras_that_see_the_same_share_maps() {
         .entity_mut(cameras[0])
         .insert(SharesShadowsWith(eye));
     let same = camera(&mut app);
+    // So that it comes last.
+    let layers = RenderLayers::default();
+    app.world_mut().entity_mut(same).insert(layers);
     app.update();
     assert_eq!(planned(&app, light), [cameras[1], eye, same]);
 }

@@ -95,16 +95,27 @@ fn casters_that_a_vertex_shader_moves_are_culled_with_room() {
     let caster = (
         Mesh3d::default(),
         NotShadowReceiver,
-        Aabb::from_min_max(Vec3::splat(-5.0), Vec3::splat(5.0)),
-        Transform::from_xyz(0.0, 0.0, -49.9),
+        Aabb::from_min_max(Vec3::splat(-50.0), Vec3::splat(50.0)),
+        Transform::from_xyz(0.0, 0.0, -139.0),
         Visibility::default(),
     );
     let caster = setting.app.world_mut().spawn(caster).id();
-    for moves in [false, true] {
+    // What moves is not culled with the others where it is drawn over them.
+    for (moves, updates) in [
+        (false, MapUpdates::WhenNeeded),
+        (true, MapUpdates::WhenNeeded),
+        (true, MapUpdates::EveryFrame),
+        (false, MapUpdates::EveryFrame),
+    ] {
+        let mut light = setting.app.world_mut().entity_mut(setting.light);
+        let mut config = light.get_mut::<ParallelSplitShadows>().unwrap();
+        config.comparison.updates = updates;
         let displaced = setting.app.world().resource::<DisplacedMeshes>();
         displaced.update(|known| {
             if moves {
                 known.insert(caster);
+            } else {
+                known.clear();
             }
         });
         setting.plans();
