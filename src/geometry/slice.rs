@@ -28,6 +28,15 @@ pub struct ViewVolume {
 /// `f32` varies in its last digits from frame to frame, and a map's size must not.
 const SCALE_STEP: f64 = 1.0 / 4096.0;
 
+/// Views whose axes differ by more, as a share, do not look the same way.
+const MOST_TURNED: f64 = 1e-4;
+
+/// Eyes that are farther before each other, as a share of what they are beside each other, see other depths.
+const MOST_AHEAD: f64 = 0.01;
+
+/// What lies between two eyes is rounded to such shares of it.
+const ASIDE_STEP: f64 = 1.0 / 32.0;
+
 impl ViewVolume {
     /// Reads the volume off a camera's transform and projection.
     ///
@@ -63,57 +72,47 @@ impl ViewVolume {
         (is_regular && near.is_finite() && far > near).then_some(volume)
     }
 
-    /// A volume, before the same eye, that holds another one too. `None` where the other one begins behind
-    /// this one's eye, looks to its side or back, or only one of them is in perspective; without perspective also
-    /// where it looks another way.
+    /// A volume, before the same eye, that holds another one too: one that looks the same way from beside
+    /// it, so that both know points by the same depths. `None` for others.
     pub fn around(&self, other: &Self) -> Option<Self> {
-        if self.is_perspective() != other.is_perspective() {
+        let offset = self.axes.inverse() * (other.eye - self.eye);
+        let (aside, ahead) = (offset.truncate(), offset.z.abs());
+        let turned = |axis: fn(&DMat3) -> DVec3| {
+            let (one, two) = (axis(&self.axes), axis(&other.axes));
+            one.distance(two) > MOST_TURNED * one.length()
+        };
+        let is_turned = turned(|it| it.x_axis) || turned(|it| it.y_axis) || turned(|it| it.z_axis);
+        let is_ahead = ahead > MOST_AHEAD * aside.length() + f64::from(f32::EPSILON);
+        if is_turned || is_ahead || self.is_perspective() != other.is_perspective() {
             return None;
         }
-        let view_from_world = self.axes.inverse();
-        let local = |point_ws: DVec3| view_from_world * (point_ws - self.eye);
-        let mut volume = *self;
-        let [start, end] = [other.nearest(), other.far].map(|depth| {
-            let is_known = depth.is_finite();
-            is_known.then(|| {
-                other
-                    .corners_at(depth)
-                    .map(|at| local(other.eye + other.axes * at))
-            })
-        });
-        let depths = |corners: [DVec3; 4]| corners.map(|corner| -corner.z);
-        let nearest = depths(start?).into_iter().fold(self.nearest(), f64::min);
-        if self.is_perspective() && nearest < 0.0 {
-            return None;
-        }
-        volume.near = volume.near.min(nearest);
-        volume.far = end.map_or(f64::INFINITY, |end| {
-            depths(end).into_iter().fold(self.far, f64::max)
-        });
-        // The other's edges, as lines over this one's depth.
-        let (from, to) = (other.corners_at(0.0), other.corners_at(1.0));
-        let mut lines = [[DVec2::ZERO; 2]; 4];
-        for (line, (from, to)) in lines.iter_mut().zip(from.into_iter().zip(to)) {
-            let [from, to] = [from, to].map(|at| local(other.eye + other.axes * at));
-            let along = to - from;
-            if along.z >= 0.0 {
-                return None;
-            }
-            let per_depth = -along.truncate() / along.z;
-            *line = [from.truncate() + from.z * per_depth, per_depth];
-        }
-        // Sides that open no less than any of them, moved out until all are inside where volumes begin.
-        for [at_eye, per_depth] in lines {
-            let [at_near, growth] = &volume.max;
-            let wider = growth.max(per_depth);
-            let at_near = (*at_near + nearest * *growth).max(at_eye + nearest * per_depth);
-            volume.max = [at_near - nearest * wider, wider];
-            let [at_near, growth] = &volume.min;
-            let wider = growth.min(per_depth);
-            let at_near = (*at_near + nearest * *growth).min(at_eye + nearest * per_depth);
-            volume.min = [at_near - nearest * wider, wider];
-        }
-        (volume.is_perspective() == self.is_perspective()).then_some(volume)
+        // In steps, for positions are rounded from frame to frame.
+        let step = ASIDE_STEP
+            * aside
+                .max_element()
+                .max(-aside.min_element())
+                .log2()
+                .ceil()
+                .exp2();
+        let aside = [(aside / step).floor() * step, (aside / step).ceil() * step];
+        let [lower, upper] = aside.map(|it| if step > 0.0 { it } else { DVec2::ZERO });
+        let nearest = self.nearest().min(other.nearest());
+        // Sides that open no less than both, from where both are inside.
+        let side = |one: [DVec2; 2], two: [DVec2; 2], most: fn(DVec2, DVec2) -> DVec2| {
+            let growth = most(one[1], two[1]);
+            let at_nearest = |[at_eye, growth]: [DVec2; 2]| at_eye + nearest * growth;
+            [
+                most(at_nearest(one), at_nearest(two)) - nearest * growth,
+                growth,
+            ]
+        };
+        Some(Self {
+            min: side(self.min, [other.min[0] + lower, other.min[1]], DVec2::min),
+            max: side(self.max, [other.max[0] + upper, other.max[1]], DVec2::max),
+            near: self.near.min(other.near),
+            far: self.far.max(other.far),
+            ..*self
+        })
     }
 
     /// The part of the volume between two depths, cut to the camera's own near and far planes

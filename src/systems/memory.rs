@@ -3,7 +3,6 @@
 use bevy::{
     camera::visibility::{InheritedVisibility, RenderLayers},
     ecs::{
-        query::Without,
         reflect::ReflectResource,
         resource::Resource,
         system::{Query, Res, SystemParam},
@@ -57,8 +56,8 @@ pub struct OtherMaps<'w, 's> {
             &'static CascadeShadowConfig,
             &'static InheritedVisibility,
             Option<&'static RenderLayers>,
+            Option<&'static ManagedLight>,
         ),
-        Without<ManagedLight>,
     >,
 }
 
@@ -71,17 +70,21 @@ pub(super) struct OtherLayers {
 
 impl OtherMaps<'_, '_> {
     /// For cameras of these render layers.
-    pub(super) fn layers<'a>(
-        &self,
-        cameras: impl Iterator<Item = &'a RenderLayers>,
-    ) -> OtherLayers {
+    pub(super) fn layers(&self, cameras: impl Iterator<Item = RenderLayers>) -> OtherLayers {
         let spots = self.spots.iter();
         let spots = spots.filter(|(light, seen)| light.shadow_maps_enabled && seen.get());
-        let of_camera = |camera: &RenderLayers| -> usize {
-            let suns = self.suns.iter().filter(|(light, _, seen, layers)| {
-                let layers = layers.unwrap_or_default();
-                light.shadow_maps_enabled && seen.get() && layers.intersects(camera)
-            });
+        let of_camera = |camera: RenderLayers| -> usize {
+            let suns = self
+                .suns
+                .iter()
+                .filter(|(light, _, seen, layers, managed)| {
+                    let layers = layers.unwrap_or_default();
+                    let is_built_in = managed.is_none_or(|managed| managed.config().is_none());
+                    is_built_in
+                        && light.shadow_maps_enabled
+                        && seen.get()
+                        && layers.intersects(&camera)
+                });
             suns.map(|(_, config, ..)| config.bounds.len()).sum()
         };
         let count = spots.count() + cameras.map(of_camera).sum::<usize>();

@@ -32,7 +32,7 @@ use super::{
     ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowMemoryLimit, ShadowUpdates,
     SharedViews, SharesShadowsWith,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
-    memory::{OtherMaps, halvings_for, halvings_within},
+    memory::{OtherLayers, OtherMaps, halvings_for, halvings_within},
     share::Sharer,
 };
 use crate::{
@@ -159,7 +159,7 @@ fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {
 /// How often all maps are halved so that they fit.
 fn halvings_of_all(
     lights: &Query<PlannedLight>,
-    others: &OtherMaps,
+    others: OtherLayers,
     views: &[(Entity, RenderLayers, View)],
     limit: ShadowMemoryLimit,
 ) -> u32 {
@@ -178,7 +178,7 @@ fn halvings_of_all(
             }
         }
     }
-    halvings_within(limit, &maps, others.layers(views.iter().map(|it| &it.1)))
+    halvings_within(limit, &maps, others)
 }
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -216,8 +216,12 @@ pub fn plan_shadows(
             with: it.shares_with.map(|it| it.0),
             layers: layers_of(it.layers),
             volume: view_volume(it.transform, it.projection, it.camera),
+            is_drawn: it
+                .camera
+                .physical_target_size()
+                .is_some_and(|size| size.min_element() > 0),
         });
-        SharedViews::new(&sharers.collect::<Vec<_>>())
+        SharedViews::new(sharers.collect())
     } else {
         SharedViews::default()
     };
@@ -296,7 +300,8 @@ pub fn plan_shadows(
         seen.any(|(active, ..)| active == view)
     });
 
-    let halvings = halvings_of_all(&lights, &others, &views, *limit);
+    let others = others.layers(active().map(|it| layers_of(it.layers)));
+    let halvings = halvings_of_all(&lights, others, &views, *limit);
     if halvings > 0 && !core::mem::replace(&mut *warned_of_memory, true) {
         warn!(
             "Shadow maps would take more than {} MiB together: all are halved until they fit",

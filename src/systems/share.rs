@@ -16,8 +16,9 @@ use crate::geometry::slice::ViewVolume;
 /// The camera looks up the maps of another one, which are made for what both see: the other eye of a
 /// headset. Cameras that see exactly the same share maps without it.
 ///
-/// Each has maps of its own, as without the component, while one is not active, their render layers differ,
-/// they look away from each other, or the other camera shares a third one's maps itself.
+/// The two look the same way from beside each other; their projections may differ. Each has maps of its own, as
+/// without the component, while they do not (canted eyes), one is not drawn, their render layers
+/// differ, or the other camera shares a third one's maps itself.
 #[derive(Component, Reflect, Debug, Clone, Copy, PartialEq, Eq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
 pub struct SharesShadowsWith(#[entities] pub Entity);
@@ -28,6 +29,8 @@ pub(super) struct Sharer {
     pub with: Option<Entity>,
     pub layers: RenderLayers,
     pub volume: Option<ViewVolume>,
+    /// It has a picture to be drawn into.
+    pub is_drawn: bool,
 }
 
 /// Which cameras look up the maps of which others, and what those maps are made for.
@@ -40,14 +43,20 @@ pub struct SharedViews {
 }
 
 impl SharedViews {
-    pub(super) fn new(cameras: &[Sharer]) -> Self {
+    pub(super) fn new(mut cameras: Vec<Sharer>) -> Self {
+        // Whoever comes first has the maps: always the same.
+        cameras.sort_unstable_by_key(|it| (!it.is_drawn, it.camera));
         let mut shared = Self::default();
         let known = |camera| cameras.iter().find(|it| it.camera == camera);
-        for guest in cameras {
-            let Some(host) = guest.with.and_then(known) else {
+        let host_of = |it: &Sharer| it.with.and_then(known);
+        let may_share = |host: &Sharer, guest: &Sharer| {
+            host.layers == guest.layers && (host.is_drawn || !guest.is_drawn)
+        };
+        for guest in &cameras {
+            let Some(host) = host_of(guest) else {
                 continue;
             };
-            if host.with.is_some() || host.layers != guest.layers {
+            if host_of(host).is_some() || !may_share(host, guest) {
                 continue;
             }
             let seen_before = shared.volumes.get(&host.camera).copied().or(host.volume);
@@ -58,13 +67,14 @@ impl SharedViews {
             }
         }
         for (index, guest) in cameras.iter().enumerate() {
-            let stands_alone = guest.with.is_none() && !shared.volumes.contains_key(&guest.camera);
+            let stands_alone =
+                host_of(guest).is_none() && !shared.volumes.contains_key(&guest.camera);
             if !stands_alone || guest.volume.is_none() {
                 continue;
             }
             let host = cameras[..index].iter().find(|it| {
                 let has_maps = !shared.hosts.contains_key(&it.camera);
-                has_maps && it.volume == guest.volume && it.layers == guest.layers
+                has_maps && it.volume == guest.volume && may_share(it, guest)
             });
             if let Some(host) = host {
                 shared.hosts.insert(guest.camera, host.camera);

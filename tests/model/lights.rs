@@ -3,7 +3,7 @@
 use bevy::{
     app::PostUpdate,
     camera::{
-        Viewport,
+        RenderTargetInfo, Viewport,
         primitives::{Aabb, CascadesFrusta},
         visibility::{CascadesVisibleEntities, NoFrustumCulling, RenderLayers},
     },
@@ -941,7 +941,22 @@ fn cameras_share_maps_only_with_those_that_have_some() {
     let gone = |app: &mut App, [left, _]: [Entity; 2]| {
         app.world_mut().despawn(left);
     };
-    let cases: [(&str, fn(&mut App, [Entity; 2]), usize); 6] = [
+    let canted = |app: &mut App, [_, right]: [Entity; 2]| {
+        let canted =
+            Transform::from_xyz(3.0, 2.0, 0.0).looking_to(Vec3::new(0.1, 0.0, -1.0), Vec3::Y);
+        app.world_mut().entity_mut(right).insert(canted);
+    };
+    // As into a minimized window.
+    let undrawn = |app: &mut App, [_, right]: [Entity; 2]| {
+        let mut camera = app.world_mut().get_mut::<Camera>(right).unwrap();
+        camera.computed.target_info = Some(RenderTargetInfo {
+            physical_size: UVec2::splat(100),
+            scale_factor: 1.0,
+        });
+    };
+    let cases: [(&str, fn(&mut App, [Entity; 2]), usize); 8] = [
+        ("canted", canted, 2),
+        ("undrawn", undrawn, 2),
         ("inactive", inactive, 1),
         ("layered", layered, 2),
         ("turned", turned, 2),
@@ -964,6 +979,19 @@ fn cameras_share_maps_only_with_those_that_have_some() {
             "{name}: {planned:?}"
         );
     }
+
+    // What a host shared with has gone.
+    let mut app = app();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let [left, right] = eyes(&mut app);
+    let gone = app.world_mut().spawn_empty().id();
+    app.world_mut().despawn(gone);
+    for (guest, host) in [(left, gone), (right, left)] {
+        let share = SharesShadowsWith(host);
+        app.world_mut().entity_mut(guest).insert(share);
+    }
+    app.update();
+    assert_eq!(planned(&app, light), [left]);
 }
 
 #[test]
