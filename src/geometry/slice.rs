@@ -87,13 +87,7 @@ impl ViewVolume {
             return None;
         }
         // In steps, for positions are rounded from frame to frame.
-        let step = ASIDE_STEP
-            * aside
-                .max_element()
-                .max(-aside.min_element())
-                .log2()
-                .ceil()
-                .exp2();
+        let step = ASIDE_STEP * aside.abs().max_element().log2().ceil().exp2();
         let aside = [(aside / step).floor() * step, (aside / step).ceil() * step];
         let [lower, upper] = aside.map(|it| if step > 0.0 { it } else { DVec2::ZERO });
         let nearest = self.nearest().min(other.nearest());

@@ -130,7 +130,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
     let mut cameras: Vec<(Entity, AdoptedLights)> = Vec::with_capacity(request.cameras.len());
     let mut hosts: HashMap<(Entity, Entity), AdoptedLight> = HashMap::default();
     let (own, shared): (Vec<_>, Vec<_>) = request.cameras.iter().partition(|it| it.host.is_none());
-    for camera in own.into_iter().chain(shared) {
+    for camera in own.iter().chain(&shared) {
         let mut lights: Vec<AdoptedLight> = Vec::new();
         for by_light in camera.cascades.chunk_by(|a, b| a.light == b.light) {
             let first = &by_light[0];
@@ -165,12 +165,12 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 }
             }
         }
-        for (light, by_light) in lights
-            .iter()
-            .zip(camera.cascades.chunk_by(|a, b| a.light == b.light))
-        {
-            if light.is_managed() {
-                hosts.insert((camera.camera, by_light[0].light), light.clone());
+        if shared.iter().any(|it| it.host == Some(camera.camera)) {
+            let by_light = camera.cascades.chunk_by(|a, b| a.light == b.light);
+            for (light, by_light) in lights.iter().zip(by_light) {
+                if light.is_managed() {
+                    hosts.insert((camera.camera, by_light[0].light), light.clone());
+                }
             }
         }
         // The next camera starts behind the spot lights' maps.

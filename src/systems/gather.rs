@@ -43,7 +43,7 @@ pub(super) fn receivers(
     view: &ViewVolume,
     far: f64,
     meshes: &Query<ReceiverMesh, IsReceiver>,
-    visible: Vec<Entity>,
+    visible: &[Entity],
     assets: Option<&Assets<Mesh>>,
     parts: &mut MeshBoxes,
     displaced: &EntityHashSet,

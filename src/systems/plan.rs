@@ -262,11 +262,14 @@ pub fn plan_shadows(
                     if !is_same || changed.have_receivers_changed() {
                         let visible: Vec<Entity> = visible().collect();
                         let receivers = if is_focused {
-                            let mut once = visible.clone();
+                            // Of what several cameras see, each once.
+                            let mut once = Vec::new();
                             if !guests.is_empty() {
+                                once.clone_from(&visible);
                                 once.sort_unstable();
                                 once.dedup();
                             }
+                            let once = if guests.is_empty() { &visible } else { &once };
                             let assets = assets.as_deref();
                             receivers(&volume, far, &meshes, once, assets, &mut parts, &displaced)
                         } else {

@@ -190,18 +190,6 @@ fn judge(
     name: &str,
     most: Most,
 ) -> String {
-    studio.apply(&Setting::pssm(name, variation.config.clone()));
-    judge_as_it_is(studio, view, variation, name, most)
-}
-
-/// As [`judge`], with the light as it is.
-fn judge_as_it_is(
-    studio: &mut Studio,
-    view: &View,
-    variation: &Variation,
-    name: &str,
-    most: Most,
-) -> String {
     let shares = studio.shares(view);
     let (found, marks) = studio.bias_faults(view, &shares, variation.reach);
     write(name, &picture(view, &shares, &marks));
@@ -246,6 +234,7 @@ fn check(case: Case, most: Most) {
             ..variation.config
         };
         let name = format!("{case:?}_{}", variation.name);
+        studio.apply(&Setting::pssm(&name, variation.config.clone()));
         failures += &judge(&mut studio, &view, &variation, &name, most);
     }
     assert!(failures.is_empty(), "{failures}");
@@ -379,7 +368,7 @@ fn fields_tuned_for_bevys_shadows_leave_no_stain() {
             let mut light = studio.world().get_mut::<DirectionalLight>(sun).unwrap();
             light.shadow_normal_bias = normal_bias;
             light.shadow_depth_bias = depth_bias;
-            failures += &judge_as_it_is(&mut studio, &view, &variation, &name, most);
+            failures += &judge(&mut studio, &view, &variation, &name, most);
         }
     }
     assert!(failures.is_empty(), "{failures}");
@@ -506,6 +495,7 @@ fn deferred() {
         let view = look(&mut studio);
         for variation in variations().into_iter().take(5) {
             let name = format!("deferred_{case:?}_{}", variation.name);
+            studio.apply(&Setting::pssm(&name, variation.config.clone()));
             failures += &judge(&mut studio, &view, &variation, &name, most);
         }
     }

@@ -427,32 +427,40 @@ fn what_a_vertex_shader_lifts() {
     }
 }
 
+/// Two cameras, each with one half of the picture.
+fn halves(stage: &mut Stage, places: [Transform; 2]) -> [Entity; 2] {
+    [0_u32, 1].map(|index| {
+        let physical_size = UVec2::new(SIZE.x / 2, SIZE.y);
+        let half = Camera {
+            order: index as isize,
+            viewport: Some(Viewport {
+                physical_position: UVec2::new(index * physical_size.x, 0),
+                physical_size,
+                ..default()
+            }),
+            clear_color: if index == 0 {
+                default()
+            } else {
+                ClearColorConfig::None
+            },
+            ..default()
+        };
+        let bundle = camera(stage.target());
+        let view = stage.world().spawn(bundle).id();
+        let place = places[index as usize];
+        stage.world().entity_mut(view).insert((half, place));
+        view
+    })
+}
+
 #[test]
 fn split_screen() {
     let mut stage = Stage::new();
-    let half = UVec2::new(SIZE.x / 2, SIZE.y);
-    for index in 0..2_u32 {
-        let bundle = camera(stage.target());
-        let view = stage.world().spawn(bundle).id();
-        stage.world().entity_mut(view).insert((
-            Camera {
-                order: index as isize,
-                viewport: Some(Viewport {
-                    physical_position: UVec2::new(index * half.x, 0),
-                    physical_size: half,
-                    ..default()
-                }),
-                clear_color: if index == 0 {
-                    default()
-                } else {
-                    ClearColorConfig::None
-                },
-                ..default()
-            },
-            Transform::from_xyz(6.0 - 9.0 * index as f32, 3.0, 12.0 - 20.0 * index as f32)
-                .looking_at(Vec3::new(-2.0, 0.5, -12.0 - 30.0 * index as f32), Vec3::Y),
-        ));
-    }
+    let places = [0.0, 1.0].map(|index| {
+        let at = Transform::from_xyz(6.0 - 9.0 * index, 3.0, 12.0 - 20.0 * index);
+        at.looking_at(Vec3::new(-2.0, 0.5, -12.0 - 30.0 * index), Vec3::Y)
+    });
+    halves(&mut stage, places);
     let sun = stage.sun();
     assert_right("split_screen", &mut stage, sun);
 }
@@ -460,33 +468,8 @@ fn split_screen() {
 #[test]
 fn eyes_that_share_maps() {
     let mut stage = Stage::new();
-    let half = UVec2::new(SIZE.x / 2, SIZE.y);
-    let eyes: Vec<Entity> = (0..2_u32)
-        .map(|index| {
-            let bundle = camera(stage.target());
-            let aside = 0.064 * index as f32 * eye().right();
-            let at = eye().with_translation(eye().translation + aside);
-            let viewport = Viewport {
-                physical_position: UVec2::new(index * half.x, 0),
-                physical_size: half,
-                ..default()
-            };
-            let clear_color = if index == 0 {
-                default()
-            } else {
-                ClearColorConfig::None
-            };
-            let camera = Camera {
-                order: index as isize,
-                viewport: Some(viewport),
-                clear_color,
-                ..default()
-            };
-            let entity = stage.world().spawn(bundle).id();
-            stage.world().entity_mut(entity).insert((camera, at));
-            entity
-        })
-        .collect();
+    let aside = eye().with_translation(eye().translation + 0.064 * eye().right());
+    let eyes = halves(&mut stage, [eye(), aside]);
     let sun = stage.sun();
     let pictures = take(&mut stage, sun);
     let layers = |stage: &mut Stage| {
