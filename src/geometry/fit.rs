@@ -188,21 +188,33 @@ pub(super) fn usable(size: DVec2, guard: f64) -> DVec2 {
 }
 
 impl MapBox {
-    /// The same box, moved by whole texels and no farther than said, along its axes (meters).
-    pub fn moved(&self, by: DVec2) -> Self {
-        let texels = (by / self.texel).trunc();
+    /// The same box with its middle at that of some points in world space, as nearly as whole texels allow.
+    pub fn about(&self, points_ws: impl Iterator<Item = DVec3>, light: &LightFrame) -> Self {
+        let (lo_ls, hi_ls) = points_ws
+            .map(|point_ws| light.light_from_world(point_ws))
+            .fold(
+                (DVec3::INFINITY, DVec3::NEG_INFINITY),
+                |(lo, hi), point_ls| (lo.min(point_ls), hi.max(point_ls)),
+            );
+        let cell = self.texel.extend(self.texel.max_element());
+        let by = 0.5 * (lo_ls + hi_ls) - self.center;
         Self {
-            center: self.center + (texels * self.texel).extend(0.0),
+            center: self.center + (by / cell).round() * cell,
             ..*self
         }
     }
 
     /// How far points in world space may still move along the box's axes before lookups at them
     /// leave it (meters); below zero where they do.
-    pub fn spare(&self, points_ws: &[DVec3], light: &LightFrame, reach: LookupReach) -> DVec3 {
+    pub fn spare(
+        &self,
+        points_ws: impl Iterator<Item = DVec3>,
+        light: &LightFrame,
+        reach: LookupReach,
+    ) -> DVec3 {
         let guard_ls = reach.texels * self.texel.extend(self.texel.max_element());
-        let spare_ls = points_ws.iter().map(|point_ws| {
-            let off_ls = light.light_from_world(*point_ws) - self.center;
+        let spare_ls = points_ws.map(|point_ws| {
+            let off_ls = light.light_from_world(point_ws) - self.center;
             self.half - off_ls.abs() - guard_ls
         });
         spare_ls.fold(DVec3::INFINITY, DVec3::min)

@@ -1,14 +1,15 @@
 //! Which maps stay as they are: what a layer holds, what is needed of it now, and what has changed.
 
-use glam::{DQuat, DVec2, DVec3, UVec2};
+use glam::{DQuat, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::{CascadeFit, MapUpdates};
 use crate::geometry::{
-    fit::MapBox, light_frame::LightFrame, oriented_box::OrientedBox, slice::ViewVolume,
+    body::ConvexBody, fit::MapBox, hull::CasterHull, light_frame::LightFrame,
+    oriented_box::OrientedBox, slice::ViewVolume,
 };
 
-/// Why a map is drawn anew.
+/// Why a map is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Redraw {
     /// There was none, or none that what changed since is known of.
@@ -21,6 +22,8 @@ pub enum Redraw {
     Moved,
     /// A caster that it holds, or is to hold, has changed.
     Casters,
+    /// More casters matter now than it was drawn with: those that it does not hold are drawn over those that it does.
+    Added,
     /// The settings say so.
     EveryFrame,
 }
@@ -48,6 +51,8 @@ pub(super) struct HeldMap {
     view: ViewVolume,
     center_ws: DVec3,
     map: CascadeMap,
+    /// Hulls of the casters that it held before more were added.
+    earlier_hulls: Vec<CasterHull>,
     /// It has outlived the frame that it was drawn in.
     has_lasted: bool,
     /// Why it should have been drawn anew, and how many frames ago.
@@ -92,9 +97,23 @@ impl Turn {
 }
 
 impl HeldMap {
+    /// Whether it has ever been drawn with the casters that matter to a body: it then holds them. From now on it is
+    /// for those.
+    fn has_casters_of(&mut self, body: &ConvexBody, margin: f64) -> bool {
+        let hull = &mut self.map.hull;
+        if hull.contains(body, margin) {
+            return true;
+        }
+        let mut earlier = self.earlier_hulls.iter_mut();
+        let found = earlier.find(|earlier| earlier.contains(body, margin));
+        found
+            .map(|earlier| core::mem::swap(earlier, hull))
+            .is_some()
+    }
+
     /// Why it cannot stand in for the one that is wanted, if it cannot.
     fn why_redraw(
-        &self,
+        &mut self,
         inputs: &PlanInputs,
         volume: &CascadeVolume,
         wanted: &PlacedMap,
@@ -109,16 +128,28 @@ impl HeldMap {
             (Some(held), Some(_)) => spare(inputs, volume, held).min_element() >= -ROUNDING * texel,
             _ => wanted.clip_from_world == self.placed.clip_from_world,
         };
-        if self.light != *inputs.light {
+        let why = if self.light != *inputs.light {
             Some(Redraw::Light)
         } else if self.size != size || self.placed.fit != wanted.fit || !is_same_texel {
             Some(Redraw::Size)
         } else if self.has_stale_casters(inputs) {
             Some(Redraw::Casters)
-        } else if !covers || !self.map.hull.contains(&volume.body, wanted.margin(inputs)) {
+        } else if !covers {
             Some(Redraw::Moved)
+        } else if !self.has_casters_of(&volume.body, wanted.margin(inputs)) {
+            let is_full = self.earlier_hulls.len() >= MOST_ADDITIONS;
+            Some(if is_full {
+                Redraw::Moved
+            } else {
+                Redraw::Added
+            })
         } else {
-            self.owed.map(|(redraw, _)| redraw)
+            None
+        };
+        match (why, self.owed) {
+            // What is added to holds nothing else that is due.
+            (None | Some(Redraw::Added), Some((owed, _))) => Some(owed),
+            _ => why,
         }
     }
 
@@ -126,15 +157,21 @@ impl HeldMap {
     fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
         match inputs.changes {
             CasterChanges::Anywhere | CasterChanges::AtOnce(None) => true,
-            CasterChanges::At(changed) | CasterChanges::AtOnce(Some(changed)) => changed
-                .iter()
-                .any(|bounds| self.map.hull.intersects_box(bounds)),
+            CasterChanges::At(changed) | CasterChanges::AtOnce(Some(changed)) => {
+                let hulls = || self.earlier_hulls.iter().chain([&self.map.hull]);
+                let is_held = |bounds| hulls().any(|hull| hull.intersects_box(bounds));
+                changed.iter().any(is_held)
+            }
         }
     }
 }
 
+/// How often casters are added before a map is drawn anew, and holds none any more that no longer matter.
+const MOST_ADDITIONS: usize = 32;
+
 fn spare(inputs: &PlanInputs, volume: &CascadeVolume, map_box: &MapBox) -> DVec3 {
-    map_box.spare(&volume.body.corners, inputs.light, inputs.reach)
+    let corners = volume.body.corners.iter().copied();
+    map_box.spare(corners, inputs.light, inputs.reach)
 }
 
 /// How far what is needed may move while a map is held (meters).
@@ -146,14 +183,14 @@ pub(super) struct Spare {
     pub ahead_ws: Vec<DVec3>,
 }
 
-/// How much farther than a map has texels to spare the middle of what is needed is taken to go: some of it moves less.
-const AHEAD: f64 = 1.6;
-
 /// No more often than this goes on what has moved a view: its middle may have stood still.
 const MOST_TIMES: f64 = 16.0;
 
 /// Steps in which a view's way is followed.
-const STEPS: [f64; 2] = [0.5, 1.0];
+const STEPS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+
+/// Halvings by which it is found how long a map can serve.
+const HALVINGS: u32 = 12;
 
 /// Where the corners of what is needed come, if what moved from one view to the other goes on so many times.
 fn corners_ahead(
@@ -178,9 +215,10 @@ fn corners_ahead(
         .collect()
 }
 
-/// What may move at all, as a share of its radius: what is much smaller than its map is not to draw the casters
-/// of all of that.
-const MOST_SPARE: f64 = 0.15;
+/// How far a map's casters reach beyond what needs them when it is drawn, as shares of the radius of that: in all
+/// directions, and on its way. More can be added any time: these are for how seldom.
+const AROUND: f64 = 0.015;
+const AHEAD: f64 = 0.22;
 
 fn radius(volume: &CascadeVolume) -> f64 {
     let center = volume.body.center();
@@ -188,34 +226,59 @@ fn radius(volume: &CascadeVolume) -> f64 {
     corners.fold(0.0, |radius, corner| center.distance(*corner).max(radius))
 }
 
-/// A map that is drawn anew, ahead of what moves as far as it has texels to spare, and how far what is
+/// A box laid so that it serves as long as can be if a view goes on as it did, and for how many times that is.
+fn laid_ahead(
+    inputs: &PlanInputs,
+    volume: &CascadeVolume,
+    map_box: &MapBox,
+    before: &ViewVolume,
+) -> (MapBox, f64) {
+    let laid = |times: f64| {
+        let ahead = corners_ahead(volume, before, inputs.view, times);
+        let points = || volume.body.corners.iter().chain(&ahead).copied();
+        let laid = map_box.about(points(), inputs.light);
+        let spare = laid.spare(points(), inputs.light, inputs.reach);
+        (spare.min_element() >= 0.0).then_some(laid)
+    };
+    let mut best = (*map_box, 0.0);
+    let mut step = MOST_TIMES;
+    for _ in 0..HALVINGS {
+        if let Some(laid) = laid(best.1 + step) {
+            best = (laid, best.1 + step);
+        }
+        step *= 0.5;
+    }
+    best
+}
+
+/// A map that is drawn, ahead of what moves as far as it has texels to spare, and how far what is
 /// needed may then move.
 fn ahead(
     inputs: &PlanInputs,
     volume: &CascadeVolume,
     wanted: PlacedMap,
     redraw: Redraw,
-    held: Option<HeldMap>,
+    held: Option<&HeldMap>,
 ) -> (PlacedMap, Spare) {
     let Some(map_box) = wanted.map_box else {
         return (wanted, Spare::default());
     };
-    let most = MOST_SPARE * radius(volume);
+    let radius = radius(volume);
     let spare_ls = spare(inputs, volume, &map_box).truncate();
-    let spare_ls = spare_ls.clamp(DVec2::ZERO, DVec2::splat(most));
-    let around = spare_ls.max_element();
+    let around = spare_ls.max_element().clamp(0.0, AROUND * radius);
     match (redraw, held) {
         // What its casters have drawn anew each frame need hold none for the frames to come.
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
-        (Redraw::Moved, Some(held)) => {
-            let moved_ws = volume.body.center() - held.center_ws;
-            let across_ls = inputs.light.measured(moved_ws).truncate();
-            let share_ls = across_ls / across_ls.abs().max_element().max(f64::MIN_POSITIVE);
-            let map_box = map_box.moved(share_ls * spare_ls);
-            let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-            // All that the map has to spare, on both sides, is ahead now.
-            let times = 2.0 * AHEAD * around / moved_ws.length();
-            let times = times.min(MOST_TIMES);
+        (Redraw::Moved | Redraw::Added, Some(held)) => {
+            let (placed, longest) = if redraw == Redraw::Added {
+                (held.placed.clone(), MOST_TIMES)
+            } else {
+                let (map_box, times) = laid_ahead(inputs, volume, &map_box, &held.view);
+                let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
+                (placed, times)
+            };
+            let moved = volume.body.center().distance(held.center_ws);
+            let times = (AHEAD * radius / moved).min(longest);
             let ahead_ws = corners_ahead(volume, &held.view, inputs.view, times);
             (placed, Spare { around, ahead_ws })
         }
@@ -235,7 +298,7 @@ pub(super) fn hold(
     turn: &mut Turn,
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
-    let mut redraw = held.as_ref().map_or(Some(Redraw::New), |held| {
+    let mut redraw = held.as_mut().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
     if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
@@ -249,7 +312,13 @@ pub(super) fn hold(
     }
     if let Some(redraw) = redraw {
         turn.is_taken = true;
-        let (placed, spare) = ahead(inputs, volume, wanted, redraw, held.take());
+        let before = held.take();
+        let (placed, spare) = ahead(inputs, volume, wanted, redraw, before.as_ref());
+        let mut earlier_hulls = Vec::new();
+        if let (Redraw::Added, Some(before)) = (redraw, before) {
+            earlier_hulls = before.earlier_hulls;
+            earlier_hulls.push(before.map.hull);
+        }
         *held = Some(HeldMap {
             map: placed.finish(inputs, volume, spare, redraw)?,
             placed,
@@ -257,6 +326,7 @@ pub(super) fn hold(
             light: *inputs.light,
             view: *inputs.view,
             center_ws: volume.body.center(),
+            earlier_hulls,
             has_lasted: false,
             owed: None,
         });
@@ -276,7 +346,8 @@ pub(super) fn hold(
         map.hull_now = held.placed.hull(&as_drawn, volume);
     }
     if inputs.config.comparison.updates == MapUpdates::EveryFrame {
-        map.redraw = redraw.or(Some(Redraw::EveryFrame));
+        let is_anew = redraw.is_some_and(|redraw| redraw != Redraw::Added);
+        map.redraw = redraw.filter(|_| is_anew).or(Some(Redraw::EveryFrame));
         // It need not last.
         map.hull = map.hull_now.clone();
     }

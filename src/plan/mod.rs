@@ -86,7 +86,7 @@ pub struct CascadeMap {
     /// configuration's `near` on: at the eye no map is large enough. `None` where the map has no
     /// image of a corner.
     pub aliasing: Option<Aliasing>,
-    /// Why it is drawn anew in this frame; `None` if what was drawn last still serves.
+    /// Why it is drawn in this frame; `None` if what was drawn last still serves.
     pub redraw: Option<Redraw>,
 }
 

@@ -7,7 +7,7 @@ use bevy::{
         visibility::CascadesVisibleEntities,
     },
     ecs::{
-        entity::Entity,
+        entity::{Entity, EntityHashMap},
         query::{QueryData, With},
         resource::Resource,
         system::{Local, Query, Res, ResMut, SystemState},
@@ -26,9 +26,10 @@ use super::options::LookupOptions;
 use crate::{
     config::{MAX_CASCADES, MIN_MAP_SIZE},
     debug::ShadowOverlay,
-    plan::{CascadeMap, CascadePlan},
+    plan::{CascadeMap, CascadePlan, Redraw},
     systems::{
-        CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, SharedViews, empty_cascade,
+        CascadeSet, CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, SharedViews,
+        empty_cascade,
     },
 };
 
@@ -50,16 +51,21 @@ pub(crate) struct ExtractedLight {
     pub options: LookupOptions,
     /// By camera: its cascades.
     pub views: MainEntityHashMap<Vec<ExtractedCascade>>,
-    /// By camera: for each cascade the casters that move, in the order of their entities.
-    pub moving: MainEntityHashMap<[Vec<(Entity, MainEntity)>; MAX_CASCADES]>,
+    /// Casters that are added to what maps hold.
+    pub added: CastersOfViews,
+    /// Casters that move.
+    pub moving: CastersOfViews,
 }
+
+/// By camera: casters for each cascade, in the order of their entities.
+type CastersOfViews = MainEntityHashMap<[Vec<(Entity, MainEntity)>; MAX_CASCADES]>;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ExtractedCascade {
     pub map_size: UVec2,
     pub has_map: bool,
-    /// What was drawn last still serves.
-    pub may_hold: bool,
+    /// What was drawn last still serves, maybe with more casters.
+    pub may_keep: bool,
     /// It is drawn without casters too.
     pub is_drawn_always: bool,
     /// Size of a texel (meters), and NDC depth per meter towards the light: of maps that are not
@@ -83,7 +89,7 @@ impl ExtractedCascade {
     pub const NO_MAP: Self = Self {
         map_size: UVec2::splat(MIN_MAP_SIZE),
         has_map: false,
-        may_hold: false,
+        may_keep: false,
         is_drawn_always: false,
         texel: [0.0; 2],
         depth_per_meter: 0.0,
@@ -99,7 +105,7 @@ impl From<&CascadePlan> for ExtractedCascade {
         Self {
             map_size: plan.map_size,
             has_map: map.is_some(),
-            may_hold: map.is_some_and(|map| map.redraw.is_none()),
+            may_keep: map.is_some_and(|map| matches!(map.redraw, None | Some(Redraw::Added))),
             is_drawn_always: false,
             texel: map.map_or([0.0; 2], |map| texel_edges(map, plan.map_size)),
             depth_per_meter: map.map_or(0.0, |map| {
@@ -169,21 +175,24 @@ pub(super) fn extract_shadows(
             (MainEntity::from(*view), cascades)
         });
         let views = views.collect();
-        let moving = it.casters.moving.iter().map(|(view, casters)| {
-            let of_cascade = |index| {
-                let inside = casters.iter().filter(|(_, set)| set.contains(index));
-                inside.map(|(caster, _)| pair(*caster)).collect()
-            };
-            (MainEntity::from(*view), core::array::from_fn(of_cascade))
-        });
-        let moving = moving.collect();
+        let of_cascades = |views: &EntityHashMap<Vec<(Entity, CascadeSet)>>| {
+            let views = views.iter().map(|(view, casters)| {
+                let of_cascade = |index| {
+                    let inside = casters.iter().filter(|(_, set)| set.contains(index));
+                    inside.map(|(caster, _)| pair(*caster)).collect()
+                };
+                (MainEntity::from(*view), core::array::from_fn(of_cascade))
+            });
+            views.collect()
+        };
         let options = LookupOptions::new(config, it.light);
         extracted.lights.insert(
             MainEntity::from(it.entity),
             ExtractedLight {
                 options,
                 views,
-                moving,
+                added: of_cascades(&it.casters.added),
+                moving: of_cascades(&it.casters.moving),
             },
         );
     }

@@ -29,7 +29,7 @@ use bevy::{
     shader::{Shader, ShaderCacheError},
 };
 
-use super::{ExtractedShadows, layout::AdoptedMap, target::ShadowTarget};
+use super::{ExtractedShadows, added::AddedViews, layout::AdoptedMap, target::ShadowTarget};
 
 /// What the layers hold, by view.
 #[derive(Resource, Debug, Default)]
@@ -43,12 +43,21 @@ pub(super) struct DrawnMaps {
 struct DrawnMap {
     content: Content,
     view: RetainedViewEntity,
-    is_held: bool,
+    drawn: Drawn,
     is_empty: bool,
     /// For how many frames it has been held.
     age: u32,
     /// How often in a row it has been drawn with all that it should hold.
     whole: u32,
+}
+
+/// What is drawn of a map in a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Drawn {
+    All,
+    /// Casters that it does not hold yet.
+    Added,
+    Nothing,
 }
 
 /// What tells one map from another, as far as the renderer knows.
@@ -66,14 +75,23 @@ struct Content {
 const WHOLE_AT_LEAST: u32 = 2;
 
 impl DrawnMaps {
-    /// Whether a view's layer stays as it is in this frame and holds anything.
+    fn is(&self, view: Entity, drawn: Drawn) -> bool {
+        self.maps.get(&view).is_some_and(|map| map.drawn == drawn)
+    }
+
+    /// Whether a view's layer keeps what it holds in this frame, and that is anything.
     pub fn holds_casters(&self, view: Entity) -> bool {
-        self.is_held(view) && !self.is_empty(view)
+        (self.is_held(view) || self.is_added_to(view)) && !self.is_empty(view)
     }
 
     /// Whether a view's layer stays as it is in this frame.
     pub fn is_held(&self, view: Entity) -> bool {
-        self.maps.get(&view).is_some_and(|map| map.is_held)
+        self.is(view, Drawn::Nothing)
+    }
+
+    /// Whether only casters that a view's layer does not hold yet are drawn in this frame.
+    pub fn is_added_to(&self, view: Entity) -> bool {
+        self.is(view, Drawn::Added)
     }
 
     /// For how many frames a view's layer has stayed as it is.
@@ -104,8 +122,9 @@ pub(super) struct Unsettled<'w, 's> {
 }
 
 impl Unsettled<'_, '_> {
-    /// Whether any of a view's casters is another one than it was, by mesh, material or being there.
-    fn is_in(&self, light: Entity, view: RetainedViewEntity) -> bool {
+    /// Whether any of a view's casters is another one than it was, by mesh, material or being there: but for those
+    /// that are added.
+    fn is_in(&self, light: Entity, view: RetainedViewEntity, added: &[MainEntity]) -> bool {
         if self.dirty.views.contains(&view) {
             return true;
         }
@@ -130,15 +149,17 @@ impl Unsettled<'_, '_> {
             removed_renderables,
             ..
         } = &*self.dirty;
+        let is_added = |entity: &MainEntity| added.binary_search(entity).is_ok();
+        let mut changed = changed_renderables.iter().filter(|it| !is_added(it));
         is_waiting
-            || !class.added_entities.is_empty()
+            || !class.added_entities.iter().all(|(_, main)| is_added(main))
             || !class.removed_entities.is_empty()
-            || changed_renderables.iter().any(is_caster)
+            || changed.any(is_caster)
             || removed_renderables.iter().any(is_caster)
     }
 }
 
-/// Takes the views whose layers still serve out of this frame: no draw, no preprocessing.
+/// Takes the views whose layers still serve, or are only added to, out of this frame: no draw, no preprocessing.
 pub(super) fn hold_maps(
     mut commands: Commands,
     views: Query<HoldableView>,
@@ -146,6 +167,7 @@ pub(super) fn hold_maps(
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
     target: Res<ShadowTarget>,
     extracted: Res<ExtractedShadows>,
+    added: Res<AddedViews>,
     mut drawn: ResMut<DrawnMaps>,
 ) {
     // What was planned in a frame that was not drawn is not known here.
@@ -161,7 +183,7 @@ pub(super) fn hold_maps(
             layer: it.map.layer,
             size: it.map.size.to_array(),
             generation: target.generation(),
-            is_apart: target.apart(it.map.layer).is_some(),
+            is_apart: target.is_apart(it.map.layer),
             clip_from_world: it.extracted.clip_from_world.unwrap_or_default(),
         };
         let view = it.extracted.retained_view_entity;
@@ -169,12 +191,23 @@ pub(super) fn hold_maps(
         let before = known.remove(&it.entity);
         let whole = before.as_ref().map_or(0, |before| before.whole);
         let age = before.as_ref().map_or(0, |before| before.age);
-        let is_same = before.is_some_and(|before| before.content == content);
-        let is_held = it.map.may_hold
+        let is_same = before
+            .as_ref()
+            .is_some_and(|before| before.content == content);
+        let added = added.casters(it.entity);
+        // Layers of maps without casters are not cleared.
+        let may_keep =
+            it.map.may_keep && (added.is_empty() || before.is_some_and(|it| !it.is_empty));
+        let keeps = may_keep
             && is_same
             && whole >= WHOLE_AT_LEAST
-            && !unsettled.is_in(*light_entity, view);
-        if is_held {
+            && !unsettled.is_in(*light_entity, view, added);
+        let is_drawn = match keeps {
+            false => Drawn::All,
+            true if added.is_empty() => Drawn::Nothing,
+            true => Drawn::Added,
+        };
+        if keeps {
             commands
                 .entity(it.entity)
                 .remove::<(RootNonCameraView, ExtractedView)>();
@@ -182,9 +215,13 @@ pub(super) fn hold_maps(
         let map = DrawnMap {
             content,
             view,
-            is_held,
+            drawn: is_drawn,
             is_empty,
-            age: if is_held { age.saturating_add(1) } else { 0 },
+            age: if is_drawn == Drawn::Nothing {
+                age.saturating_add(1)
+            } else {
+                0
+            },
             whole,
         };
         drawn.maps.insert(it.entity, map);
@@ -211,7 +248,9 @@ pub(super) fn note_whole_maps(
     late: Res<MeshesToReextractNextFrame>,
     mut last: Local<(Missing, u32)>,
 ) {
-    if drawn.maps.values().all(|map| map.is_held) {
+    let maps = drawn.maps.values_mut();
+    let drawn: Vec<_> = maps.filter(|map| map.drawn != Drawn::Nothing).collect();
+    if drawn.is_empty() {
         return;
     }
     let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
@@ -228,7 +267,7 @@ pub(super) fn note_whole_maps(
     last.1 = if missing == last.0 { last.1 + 1 } else { 0 };
     last.0 = missing;
     let is_there = is_nothing || last.1 > PATIENCE;
-    for map in drawn.maps.values_mut().filter(|map| !map.is_held) {
+    for map in drawn {
         let is_whole = is_there
             && phases.get(&map.view).is_none_or(|phase| {
                 let sets = phase.multidrawable_meshes.keys();

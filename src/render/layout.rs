@@ -22,8 +22,8 @@ pub struct AdoptedMap {
     /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
     /// lit. Bevy's own maps are always drawn.
     pub skip_if_empty: bool,
-    /// Whether what its layer holds still serves, if that is whole.
-    pub(super) may_hold: bool,
+    /// Whether what its layer holds still serves, maybe with more casters, if that is whole.
+    pub(super) may_keep: bool,
     pub(super) spot_index: Option<u32>,
 }
 
@@ -119,7 +119,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                 layer: layers_before_spots + index,
                 size: UVec2::splat(built_in_size),
                 skip_if_empty: false,
-                may_hold: false,
+                may_keep: false,
                 spot_index: Some(*index),
             };
             (*view, map)
@@ -155,7 +155,7 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
                     layer: next_layer,
                     size: size.min(UVec2::splat(request.max_size)),
                     skip_if_empty: it.cascade.is_some_and(|cascade| !cascade.is_drawn_always),
-                    may_hold: it.cascade.is_some_and(|cascade| cascade.may_hold),
+                    may_keep: it.cascade.is_some_and(|cascade| cascade.may_keep),
                     spot_index: None,
                 };
                 maps.push((it.view, map));

@@ -5,6 +5,7 @@
 //! managed cascades, those of other directional lights and spot lights' maps. The cameras' bindings
 //! name one texture, so all must live in it.
 
+mod added;
 mod adopt;
 mod displaced;
 mod extract;
@@ -15,6 +16,7 @@ mod moving;
 mod options;
 mod pass;
 mod pipelines;
+mod second_view;
 mod shader_features;
 mod target;
 mod uniform;
@@ -87,6 +89,7 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()
         .init_gpu_resource::<hold::DrawnMaps>()
+        .init_resource::<added::AddedViews>()
         .init_resource::<moving::MovingViews>()
         .add_systems(
             ExtractSchedule,
@@ -106,15 +109,21 @@ pub(crate) fn build(app: &mut App) {
                 )
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
-                moving::add_moving_views
+                (added::add_added_views, moving::add_moving_views)
                     .in_set(RenderSystems::CreateViews)
                     .after(prepare_lights)
                     .before(check_views_lights_need_specialization),
-                (adopt::adopt_views, moving::make_room_apart)
+                (
+                    adopt::adopt_views,
+                    (moving::make_room_apart, second_view::fit_viewports),
+                )
                     .chain()
                     .in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
-                (hold::hold_maps, moving::choose_moving_views)
+                (
+                    hold::hold_maps,
+                    (added::choose_added_views, moving::choose_moving_views),
+                )
                     .chain()
                     .in_set(RenderSystems::PhaseSort)
                     .after(RenderSystems::Queue),

@@ -3,51 +3,32 @@
 //! A map's own view draws what rests, seldom, and then apart from the map that is looked up; a second
 //! view draws what moves, over a copy of that.
 
-use core::any::TypeId;
-
 use bevy::{
-    camera::{primitives::Frustum, visibility::RenderLayers},
     core_pipeline::schedule::RootNonCameraView,
     ecs::{
-        component::Component,
         entity::{Entity, EntityHashMap},
-        query::{Has, QueryData, With, Without},
+        query::Without,
         resource::Resource,
         schedule::ScheduleLabel,
-        system::{Commands, Query, Res, ResMut, SystemChangeTick},
+        system::{Commands, Query, Res, ResMut},
         world::World,
     },
-    math::UVec4,
-    mesh::Mesh3d,
-    pbr::{LightEntity, Shadow},
+    pbr::Shadow,
     platform::collections::HashSet,
     render::{
-        batching::gpu_preprocessing::{GpuPreprocessingMode, GpuPreprocessingSupport},
         render_phase::ViewBinnedRenderPhases,
         renderer::{CurrentView, RenderDevice},
-        sync_world::MainEntity,
-        view::{
-            ExtractedView, NoIndirectDrawing, RenderShadowMapVisibleEntities,
-            RenderVisibleEntities, RenderVisibleEntitiesClass, RetainedViewEntity,
-        },
+        view::ExtractedView,
     },
 };
 
 use super::{
-    ExtractedShadows,
     hold::DrawnMaps,
     layout::AdoptedMap,
-    pass::{DrawMovingCasters, DrawShadowMap},
+    pass::{DrawAddedCasters, DrawMovingCasters, DrawShadowMap},
+    second_view::{MapView, Over, SecondView, SecondViews},
     target::ShadowTarget,
 };
-use crate::config::MAX_CASCADES;
-
-/// The view of what moves in a map.
-#[derive(Component, Debug, Clone, Copy)]
-pub(super) struct MovingView {
-    /// The map's own view.
-    pub of: Entity,
-}
 
 /// Views of what moves, by the maps' own.
 #[derive(Resource, Debug, Default)]
@@ -78,54 +59,25 @@ impl MovingViews {
     }
 }
 
-#[derive(QueryData)]
-pub(super) struct MapView {
-    entity: Entity,
-    light: &'static LightEntity,
-    extracted: &'static ExtractedView,
-    frustum: &'static Frustum,
-    layers: &'static RenderLayers,
-    has_no_indirect: Has<NoIndirectDrawing>,
-}
-
-/// Makes a second view of each map in which something moves, anew in each frame: Bevy knows nothing of it.
+/// Makes a second view of each map in which something moves.
 pub(super) fn add_moving_views(
-    mut commands: Commands,
-    maps: Query<MapView, Without<MovingView>>,
-    mut lights: Query<(&MainEntity, &mut RenderShadowMapVisibleEntities)>,
-    extracted: Res<ExtractedShadows>,
-    support: Res<GpuPreprocessingSupport>,
-    tick: SystemChangeTick,
-    mut phases: ResMut<ViewBinnedRenderPhases<Shadow>>,
+    maps: Query<MapView, Without<SecondView>>,
+    mut second: SecondViews,
     mut views: ResMut<MovingViews>,
 ) {
     let mut known = core::mem::take(&mut views.0);
     for it in &maps {
-        let LightEntity::Directional {
-            light_entity,
-            cascade_index,
-        } = *it.light
-        else {
-            continue;
-        };
-        let Ok((main, mut lists)) = lights.get_mut(light_entity) else {
-            continue;
-        };
-        let own = it.extracted.retained_view_entity;
-        let casters = extracted.lights.get(main).and_then(|light| {
-            let of_camera = light.moving.get(&own.auxiliary_entity?)?;
-            of_camera.get(cascade_index)
-        });
         // Nothing is drawn over the maps of this light.
-        let Some(casters) = casters else {
+        let Some(casters) = second.casters(&it, Over::Moving) else {
             continue;
         };
         let before = known.remove(&it.entity);
         if casters.is_empty() && before.is_none() {
             continue;
         }
+        let casters = casters.to_vec();
         let mut map = before.unwrap_or_else(|| MovingMap {
-            view: commands.spawn_empty().id(),
+            view: second.commands.spawn_empty().id(),
             casters: 0,
             idle: 0,
             shows_any: false,
@@ -133,89 +85,26 @@ pub(super) fn add_moving_views(
         map.casters = casters.len();
         map.idle = if casters.is_empty() { map.idle + 1 } else { 0 };
         if map.idle > PATIENCE {
-            commands.entity(map.view).despawn();
+            second.commands.entity(map.view).despawn();
             continue;
         }
-        let retained = RetainedViewEntity {
-            subview_index: own.subview_index + MAX_CASCADES as u32,
-            ..own
-        };
-        let mut view = commands.entity(map.view);
-        view.insert((
-            MovingView { of: it.entity },
-            ExtractedView {
-                retained_view_entity: retained,
-                ..copy_of(it.extracted)
-            },
-            *it.frustum,
-            it.layers.clone(),
-            LightEntity::Directional {
-                light_entity,
-                cascade_index,
-            },
-        ));
-        let most = if it.has_no_indirect {
-            view.insert(NoIndirectDrawing);
-            GpuPreprocessingMode::PreprocessingOnly
-        } else {
-            view.remove::<NoIndirectDrawing>();
-            GpuPreprocessingMode::Culling
-        };
-        // Where a frame was cut short, the last one's are still there.
-        phases.remove(&retained);
-        phases.prepare_for_new_frame(retained, support.min(most));
-        lists
-            .subviews
-            .insert(retained, (tick.this_run(), listed(casters)));
+        second.draw(map.view, &it, Over::Moving, &casters);
         views.0.insert(it.entity, map);
     }
     for map in known.values() {
-        commands.entity(map.view).despawn();
-    }
-}
-
-fn copy_of(view: &ExtractedView) -> ExtractedView {
-    ExtractedView {
-        retained_view_entity: view.retained_view_entity,
-        clip_from_view: view.clip_from_view,
-        world_from_view: view.world_from_view,
-        clip_from_world: view.clip_from_world,
-        target_format: view.target_format,
-        viewport: view.viewport,
-        color_grading: view.color_grading.clone(),
-        invert_culling: view.invert_culling,
-    }
-}
-
-fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities {
-    let class = RenderVisibleEntitiesClass {
-        added_entities: casters.to_vec(),
-        entities_cpu_culling: casters.to_vec(),
-        ..Default::default()
-    };
-    RenderVisibleEntities {
-        classes: [(TypeId::of::<Mesh3d>(), class)].into_iter().collect(),
+        second.commands.entity(map.view).despawn();
     }
 }
 
 /// Makes room for what rests, apart from the maps that are looked up.
 pub(super) fn make_room_apart(
     maps: Query<(Entity, &AdoptedMap)>,
-    mut moving: Query<&mut ExtractedView, With<MovingView>>,
     views: Res<MovingViews>,
     device: Res<RenderDevice>,
     mut target: ResMut<ShadowTarget>,
 ) {
-    let mut layers = HashSet::default();
-    for (view, map) in &maps {
-        let Some(over) = views.0.get(&view) else {
-            continue;
-        };
-        layers.insert(map.layer);
-        if let Ok(mut extracted) = moving.get_mut(over.view) {
-            extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
-        }
-    }
+    let over = maps.iter().filter(|(view, _)| views.are_over(*view));
+    let layers: HashSet<u32> = over.map(|(_, map)| map.layer).collect();
     target.keep_apart(&device, layers);
 }
 
@@ -240,7 +129,7 @@ pub(super) fn choose_moving_views(
         } else if is_held {
             view.insert(RootNonCameraView(DrawMovingCasters.intern()));
         } else {
-            // The map's own view draws it, after what rests.
+            // It is drawn after what rests is.
             view.remove::<RootNonCameraView>();
         }
         map.shows_any = shows_any;
@@ -249,19 +138,30 @@ pub(super) fn choose_moving_views(
 
 /// Draws what rests, and then what moves over a copy of it.
 pub(super) fn draw_both(world: &mut World) {
-    let Some(CurrentView(own)) = world.get_resource::<CurrentView>().copied() else {
-        return;
-    };
     world.run_schedule(DrawShadowMap);
-    let Some(moving) = world
-        .resource::<MovingViews>()
-        .0
-        .get(&own)
-        .map(|map| map.view)
-    else {
+    if let Some(CurrentView(own)) = world.get_resource::<CurrentView>().copied() {
+        draw_moving(world, own);
+    }
+}
+
+/// Draws what is added to what rests, and then what moves over a copy of all that.
+pub(super) fn draw_added(world: &mut World) {
+    world.run_schedule(DrawAddedCasters);
+    let view = world.get_resource::<CurrentView>().copied();
+    if let Some(second) = view.and_then(|view| world.get::<SecondView>(view.0).copied()) {
+        draw_moving(world, second.of);
+    }
+}
+
+/// Draws what moves, if anything does, over a copy of what rests in a map.
+fn draw_moving(world: &mut World, own: Entity) {
+    let Some(current) = world.get_resource::<CurrentView>().copied() else {
         return;
     };
-    world.insert_resource(CurrentView(moving));
+    let Some(moving) = world.resource::<MovingViews>().0.get(&own) else {
+        return;
+    };
+    world.insert_resource(CurrentView(moving.view));
     world.run_schedule(DrawMovingCasters);
-    world.insert_resource(CurrentView(own));
+    world.insert_resource(current);
 }

@@ -31,7 +31,8 @@ use super::{
     PssmRenderSystems,
     hold::DrawnMaps,
     layout::AdoptedMap,
-    moving::{MovingView, draw_both},
+    moving::{draw_added, draw_both},
+    second_view::SecondView,
     target::ShadowTarget,
 };
 
@@ -51,20 +52,32 @@ pub struct DrawShadowMap;
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct DrawMovingCasters;
 
+/// The schedule that draws casters over what such a map holds.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct DrawAddedCasters;
+
+/// The schedule of a map that casters are added to: those, and what moves in it.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct DrawAdded;
+
 /// The schedule of a map in which something moves, and what rests is drawn anew: both, one after the other.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct DrawBoth;
 
-pub(super) fn schedules() -> [Schedule; 3] {
+pub(super) fn schedules() -> [Schedule; 5] {
     let mut both = Schedule::new(DrawBoth);
     both.add_systems(draw_both);
+    let mut added = Schedule::new(DrawAdded);
+    added.add_systems(draw_added);
     [
         map_schedule(
             DrawShadowMap,
             shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
         ),
         map_schedule(DrawMovingCasters, moving_casters_pass),
+        map_schedule(DrawAddedCasters, added_casters_pass),
         both,
+        added,
     ]
 }
 
@@ -106,10 +119,9 @@ pub fn shadow_map_pass(
     mut ctx: RenderContext,
 ) {
     let (entity, map, extracted_view) = view.into_inner();
-    let apart = target.apart(map.layer).map(|apart| &apart.view);
     let (Some(phase), Some(layer)) = (
         phases.get(&extracted_view.retained_view_entity),
-        apart.or(target.layer(map.layer)),
+        target.resting(map.layer),
     ) else {
         return;
     };
@@ -125,7 +137,7 @@ pub fn shadow_map_pass(
 /// Draws what moves over a copy of what rests.
 fn moving_casters_pass(
     world: &World,
-    view: ViewQuery<(Entity, &MovingView, &ExtractedView)>,
+    view: ViewQuery<(Entity, &SecondView, &ExtractedView)>,
     maps: Query<&AdoptedMap>,
     drawn: Res<DrawnMaps>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
@@ -150,6 +162,29 @@ fn moving_casters_pass(
         LoadOp::Load
     };
     let span = MOVING_PASS_SPAN;
+    draw(&mut ctx, world, entity, map, phase, layer, load, span);
+}
+
+/// Draws what is added to what a map holds, over that.
+fn added_casters_pass(
+    world: &World,
+    view: ViewQuery<(Entity, &SecondView, &ExtractedView)>,
+    maps: Query<&AdoptedMap>,
+    phases: Res<ViewBinnedRenderPhases<Shadow>>,
+    target: Res<ShadowTarget>,
+    mut ctx: RenderContext,
+) {
+    let (entity, added, extracted_view) = view.into_inner();
+    let Ok(map) = maps.get(added.of) else {
+        return;
+    };
+    let (Some(phase), Some(layer)) = (
+        phases.get(&extracted_view.retained_view_entity),
+        target.resting(map.layer),
+    ) else {
+        return;
+    };
+    let (load, span) = (LoadOp::Load, SHADOW_PASS_SPAN);
     draw(&mut ctx, world, entity, map, phase, layer, load, span);
 }
 

@@ -37,9 +37,9 @@ pub struct ShadowTarget {
 
 /// A copy of a layer that holds only what rests.
 #[derive(Debug)]
-pub(super) struct Apart {
+struct Apart {
     texture: Texture,
-    pub view: TextureView,
+    view: TextureView,
 }
 
 impl ShadowTarget {
@@ -48,8 +48,15 @@ impl ShadowTarget {
         self.layers.get(layer as usize)
     }
 
-    pub(super) fn apart(&self, layer: u32) -> Option<&Apart> {
-        self.apart.get(&layer)
+    /// Whether what rests in a layer is drawn apart from it.
+    pub(super) fn is_apart(&self, layer: u32) -> bool {
+        self.apart.contains_key(&layer)
+    }
+
+    /// Where what rests in a layer is drawn.
+    pub(super) fn resting(&self, layer: u32) -> Option<&TextureView> {
+        let apart = self.apart.get(&layer);
+        apart.map_or_else(|| self.layer(layer), |apart| Some(&apart.view))
     }
 
     /// Has what rests in these layers, and in no others, drawn apart from them.

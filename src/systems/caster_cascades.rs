@@ -49,6 +49,9 @@ pub struct CasterCascades {
     /// By camera: casters that maps hold, in the order of their entities. Casters that are drawn into no
     /// cascade are absent, and those with `NoCpuCulling`, which only the GPU culls.
     pub views: EntityHashMap<Vec<(Entity, CascadeSet)>>,
+    /// By camera: those of them that are drawn in this frame into maps that hold the others already
+    /// ([`Redraw::Added`](crate::plan::Redraw::Added)), with the cascades of those maps.
+    pub added: EntityHashMap<Vec<(Entity, CascadeSet)>>,
     /// By camera: casters that move, in the order of their entities. They are drawn over maps in each frame.
     pub moving: EntityHashMap<Vec<(Entity, CascadeSet)>>,
 }
@@ -57,11 +60,14 @@ impl CasterCascades {
     /// The cascades that `caster` is drawn into for camera `view`; `None` if it is in none.
     pub fn get(&self, view: Entity, caster: Entity) -> Option<CascadeSet> {
         [&self.views, &self.moving].into_iter().find_map(|views| {
-            let casters = views.get(&view)?;
-            let index = casters
-                .binary_search_by_key(&caster, |(entity, _)| *entity)
-                .ok()?;
-            Some(casters[index].1)
+            let cascades = cascades_of(views.get(&view)?, caster);
+            (!cascades.is_empty()).then_some(cascades)
         })
     }
+}
+
+/// Those of a caster in a list in the order of entities; none if it is not in it.
+pub(super) fn cascades_of(casters: &[(Entity, CascadeSet)], caster: Entity) -> CascadeSet {
+    let found = casters.binary_search_by_key(&caster, |(entity, _)| *entity);
+    found.map_or_else(|_| CascadeSet::default(), |index| casters[index].1)
 }

@@ -21,12 +21,14 @@ use super::{
     CascadeSet, CasterCascades, ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
     SharedViews,
     bounds::DisplacedMeshes,
+    caster_cascades::cascades_of,
     casters::{Caster, Culling, IsCaster, cull, maps_where},
     moving::MovingCasters,
     publish::{empty_cascade, published_cascade},
 };
 use crate::{
     config::{CasterCulling, MapUpdates},
+    plan::Redraw,
     support::ShadowSupport,
 };
 
@@ -69,6 +71,7 @@ pub fn cull_casters(
         let casts = it.light.shadow_maps_enabled && it.visibility.get();
         let is_planned = |view: &Entity| casts && it.plans.views.contains_key(view);
         it.casters.views.retain(|view, _| is_planned(view));
+        it.casters.added.retain(|view, _| is_planned(view));
         it.casters.moving.retain(|view, _| is_planned(view));
         if !it.lists.entities.keys().all(is_planned) {
             it.lists.entities.retain(|view, _| is_planned(view));
@@ -104,23 +107,27 @@ pub fn cull_casters(
             let is_known = it.casters.views.contains_key(view);
             let CasterCascades {
                 views: known,
+                added,
                 moving: of_views,
             } = &mut *it.casters;
             let known = known.entry(*view).or_default();
+            let added = added.entry(*view).or_default();
+            added.clear();
             let mapped = maps_where(plan, |_| true);
             // Lists of what moves are not there when Bevy draws.
-            let held = if is_known && is_split {
-                maps_where(plan, |map| map.redraw.is_none())
+            let [held, added_to] = if is_known && is_split {
+                [None, Some(Redraw::Added)].map(|why| maps_where(plan, |map| map.redraw == why))
             } else {
-                CascadeSet::default()
+                [CascadeSet::default(); 2]
             };
+            let keeping = held.or(added_to);
             let mut visibilities = casters.p1();
             let mut with_lost = CascadeSet::default();
-            if held.is_empty() {
+            if keeping.is_empty() {
                 known.clear();
             }
             known.retain_mut(|(caster, cascades)| {
-                *cascades = cascades.and(held);
+                *cascades = cascades.and(keeping);
                 match visibilities.get_mut(*caster) {
                     _ if cascades.is_empty() => false,
                     Ok((inherited, mut visibility))
@@ -148,12 +155,19 @@ pub fn cull_casters(
                 let found = cull(&casters.p0(), &culling, culled);
                 let mut visibilities = casters.p1();
                 let found = found.into_iter().filter(|(it, _)| !moving.contains(*it));
+                let before = known.len();
                 for (caster, cascades) in found {
                     if let Ok((_, mut visibility)) = visibilities.get_mut(caster) {
                         visibility.set_visible();
                     }
+                    let more = cascades.and(added_to);
+                    let more = more.without(cascades_of(&known[..before], caster));
+                    if !more.is_empty() {
+                        added.push((caster, more));
+                    }
                     known.push((caster, cascades));
                 }
+                added.sort_unstable_by_key(|(entity, _)| *entity);
                 known.sort_unstable_by_key(|(entity, _)| *entity);
                 known.dedup_by(|(entity, more), (kept, cascades)| {
                     let is_same = entity == kept;

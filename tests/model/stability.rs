@@ -199,20 +199,36 @@ fn what_snapping_moves_a_map_by_is_in_its_guard() {
             is_grounded,
         };
         let map = fit::stable(&slice, &light, UVec2::splat(256), REACH, Slack(0.0));
-        let spare = map.spare(&slice.corners, &light, REACH);
+        let spare = map.spare(slice.corners.iter().copied(), &light, REACH);
         assert!(spare.min_element() >= -1e-9, "{step}: {spare}");
     }
 }
 
+/// A box is laid about points in whole texels, as near as those allow.
 #[test]
-fn maps_are_moved_no_farther_than_said() {
+fn maps_are_laid_about_points_in_whole_texels() {
     let map = MapBox {
-        center: DVec3::ZERO,
+        center: DVec3::new(0.5, 0.25, 0.0),
         half: DVec3::splat(64.0),
         texel: DVec2::new(1.0, 0.5),
     };
-    let moved = map.moved(DVec2::new(1.7, -0.9));
-    assert_eq!(moved.center, DVec3::new(1.0, -0.5, 0.0));
+    let light = LightFrame::new(DVec3::new(0.3, 0.7, -0.45)).expect("a direction");
+    for step in 0..100 {
+        let middle_ls = 0.37 * f64::from(step) * DVec3::new(1.0, -0.8, 0.3);
+        let points = [-1.0, 1.0].map(|side| {
+            let point_ls = middle_ls + side * DVec3::new(3.0, 2.0, 1.0);
+            light.origin + light.world_from_light() * point_ls
+        });
+        let laid = map.about(points.into_iter(), &light);
+        let off = (laid.center - middle_ls).abs();
+        assert!(
+            off.cmple(DVec3::new(0.5, 0.25, 0.5) + 1e-9).all(),
+            "{step}: {off}"
+        );
+        let moved = (laid.center - map.center) / map.texel.extend(1.0);
+        assert!(moved.abs_diff_eq(moved.round(), 1e-9), "{step}: {moved}");
+        assert_eq!((laid.half, laid.texel), (map.half, map.texel));
+    }
 }
 
 /// Texels have corners: those of the outermost that a filter reads are in the hull.

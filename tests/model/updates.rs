@@ -2,12 +2,14 @@
 
 use bevy::{
     camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
+    ecs::entity::EntityHashSet,
+    math::{DMat3, DVec3},
     prelude::*,
 };
 use bevy_pssm::{
     CasterCascades, ShadowPlans,
     geometry::{hull::CasterHull, oriented_box::OrientedBox},
-    plan::CasterChanges,
+    plan::{CasterChanges, Redraw},
     prelude::*,
     systems::ChangedCasters,
 };
@@ -37,20 +39,22 @@ fn many_boxes(app: &mut App, count: usize) -> Vec<Entity> {
         .collect()
 }
 
-/// Casters drawn in a frame: those of maps that are drawn, and those that move.
+/// Casters drawn in a frame: those of maps that are drawn, those that are added to maps, and those that move.
 fn drawn(app: &App, view: Entity, light: Entity) -> usize {
     let light = app.world().entity(light);
     let plans = &light.get::<ShadowPlans>().unwrap().views[&view];
     let lists = &light.get::<CascadesVisibleEntities>().unwrap().entities[&view];
     let maps = plans.iter().map(|plan| plan.map.as_ref());
+    let is_anew = |redraw: Option<Redraw>| redraw.is_some_and(|it| it != Redraw::Added);
     let redrawn = maps
         .zip(lists)
-        .filter(|(map, _)| map.is_some_and(|map| map.redraw.is_some()));
+        .filter(|(map, _)| map.is_some_and(|map| is_anew(map.redraw)));
     let resting: usize = redrawn.map(|(_, list)| list.entities.len()).sum();
-    let moving = light.get::<CasterCascades>().unwrap().moving.get(&view);
-    let moving = moving.into_iter().flatten();
-    let moving: usize = moving.map(|(_, cascades)| cascades.iter().count()).sum();
-    resting + moving
+    let casters = light.get::<CasterCascades>().unwrap();
+    let over = [casters.added.get(&view), casters.moving.get(&view)];
+    let over = over.into_iter().flatten().flatten();
+    let over: usize = over.map(|(_, cascades)| cascades.iter().count()).sum();
+    resting + over
 }
 
 /// Over two seconds of a walk, with every so many boxes moving.
@@ -155,6 +159,73 @@ fn comes_to_rest(delay: u32) {
         .iter()
         .filter(|(is_moving, drawn)| !is_moving && *drawn > 0);
     assert_eq!(dearer.count(), 1);
+}
+
+/// Where casters are added to what maps hold, all that matters is there, and each is drawn once.
+#[test]
+fn what_is_added_is_all_that_maps_lack() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let boxes = boxes(&mut app);
+    let mut held: Vec<EntityHashSet> = Vec::new();
+    let mut times = 0;
+    for frame in 0..240 {
+        let world = app.world_mut();
+        let mut at = world.get_mut::<Transform>(view).unwrap();
+        at.rotate_y(1.5_f32.to_radians());
+        at.translation.x = (0.05 * frame as f32).sin();
+        // One comes and one goes, now and then.
+        let mut some = world.get_mut::<Visibility>(boxes[7 * frame % boxes.len()]);
+        if let Some(it) = some.as_mut().filter(|_| frame % 30 == 29) {
+            it.toggle_visible_hidden();
+        }
+        app.update();
+        let entity = app.world().entity(light);
+        let casters = entity.get::<CasterCascades>().unwrap();
+        let plans = &entity.get::<ShadowPlans>().unwrap().views[&view];
+        let lists = &entity.get::<CascadesVisibleEntities>().unwrap().entities[&view];
+        held.resize_with(plans.len(), EntityHashSet::default);
+        let maps = plans.iter().zip(lists).zip(&mut held).enumerate();
+        for (index, ((plan, list), held)) in maps {
+            let Some(map) = &plan.map else {
+                continue;
+            };
+            let inside = casters.added[&view].iter();
+            let inside = inside.filter(|(_, cascades)| cascades.contains(index));
+            let added: Vec<Entity> = inside.map(|(caster, _)| *caster).collect();
+            match map.redraw {
+                Some(Redraw::Added) => {
+                    times += usize::from(!added.is_empty());
+                    for caster in added {
+                        assert!(held.insert(caster), "frame {frame}: it is drawn once");
+                    }
+                }
+                redraw => {
+                    assert!(added.is_empty());
+                    if redraw.is_some() {
+                        *held = list.entities.iter().copied().collect();
+                    }
+                }
+            }
+            let listed: EntityHashSet = list.entities.iter().copied().collect();
+            assert_eq!(*held, listed, "frame {frame}");
+            for caster in &boxes {
+                let caster = app.world().entity(*caster);
+                let at = caster.get::<GlobalTransform>().unwrap().translation();
+                let matters = map.hull_now.intersects_box(&OrientedBox {
+                    center: at.as_dvec3(),
+                    half_axes: DMat3::from_diagonal(DVec3::splat(0.5)),
+                });
+                let is_there = caster.get::<InheritedVisibility>().unwrap().get();
+                let is_held = held.contains(&caster.id());
+                assert!(!(matters && is_there) || is_held, "frame {frame}: {at}");
+                let is_visible = caster.get::<ViewVisibility>().unwrap().get();
+                assert!(!is_held || is_visible, "frame {frame}: {at}");
+            }
+        }
+    }
+    assert!(times > 10, "casters were added {times} times");
 }
 
 /// Whether any map is drawn anew in the next frame.

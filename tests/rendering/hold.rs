@@ -276,6 +276,68 @@ fn held_pictures_are_those_of_maps_drawn_anew() {
     }
 }
 
+/// A turn on the spot among blocks, one of which may move, and in each frame: maps drawn anew, and second views drawn.
+fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])> {
+    let comparison = Comparison {
+        updates,
+        ..default()
+    };
+    let (mut stage, _) = stage(ParallelSplitShadows {
+        comparison,
+        ..shadows()
+    });
+    let block = blocks(&mut stage)[0];
+    let center = eye().translation.with_y(1.0);
+    for step in 0..120 {
+        let turn = Quat::from_rotation_y(0.3 * step as f32);
+        let at = center + turn * Vec3::X * (4.0 + 0.4 * step as f32);
+        let copy = stage.world().entity_mut(block).clone_and_spawn();
+        let mut copy = stage.world().entity_mut(copy);
+        copy.insert(Transform::from_translation(at));
+    }
+    let mover = is_any_moving.then_some(block);
+    for _ in 0..4 {
+        stage.step();
+    }
+    let frames = (0..60).map(|frame| {
+        let world = stage.world();
+        let mut cameras = world.query_filtered::<&mut Transform, With<Camera3d>>();
+        for mut camera in cameras.iter_mut(world) {
+            camera.rotate_y(1.5_f32.to_radians());
+        }
+        if let Some(mover) = mover {
+            let turn = Quat::from_rotation_y(0.026 * frame as f32);
+            let at = center + turn * Vec3::NEG_Z * 6.0;
+            *world.get_mut::<Transform>(mover).expect("one") = Transform::from_translation(at);
+        }
+        stage.step();
+        let counts = [drawn(&mut stage), drawn_over(&mut stage)];
+        (stage.last_picture(), counts)
+    });
+    frames.collect()
+}
+
+/// What a map comes to need is drawn over what it holds, under what moves.
+#[test]
+fn what_is_added_is_drawn_over_what_is_held() {
+    for is_any_moving in [false, true] {
+        let anew = turn(MapUpdates::EveryFrame, is_any_moving);
+        let held = turn(MapUpdates::WhenNeeded, is_any_moving);
+        let mut counts = [0; 2];
+        for (frame, ((held, [anew_in_frame, over]), (anew, _))) in
+            held.iter().zip(&anew).enumerate()
+        {
+            if held != anew {
+                assert_identical(&format!("added_{is_any_moving}_{frame}"), held, anew);
+            }
+            counts[0] += anew_in_frame;
+            counts[1] += over;
+        }
+        println!("{counts:?}");
+        assert!(counts[0] < 60 && counts[1] > 10, "{counts:?}");
+    }
+}
+
 #[test]
 fn games_overrule_what_changes() {
     let (mut stage, _) = stage(shadows());

@@ -1,7 +1,7 @@
 //! What is drawn along a path where maps that serve are held.
 
 use bevy::{light::NotShadowCaster, prelude::*};
-use bevy_pssm::{CasterCascades, MapUpdates, ParallelSplitShadows, ShadowPlans, plan::CascadePlan};
+use bevy_pssm::{CasterCascades, MapUpdates, ParallelSplitShadows, ShadowPlans, plan::Redraw};
 
 use super::{
     cost::{triangles_of, triangles_of_cascades},
@@ -119,25 +119,22 @@ impl Studio {
             return Work::default();
         };
         let triangles = triangles_of_cascades(world, camera, sun);
-        let is_drawn = |plan: &CascadePlan| {
-            let map = plan.map.as_ref();
-            map.is_some_and(|map| map.redraw.is_some())
-        };
-        let drawn = plans
-            .iter()
-            .zip(triangles)
-            .filter(|(plan, _)| is_drawn(plan));
-        let mut work = drawn.fold(Work::default(), |mut work, (_, triangles)| {
-            work += Work { maps: 1, triangles };
-            work
-        });
-        let casters = world.get::<CasterCascades>(sun);
-        for (caster, cascades) in casters
-            .and_then(|it| it.moving.get(&camera))
-            .into_iter()
-            .flatten()
-        {
-            work.triangles += cascades.iter().count() * triangles_of(world, *caster);
+        let mut work = Work::default();
+        for (plan, triangles) in plans.iter().zip(triangles) {
+            work += match plan.map.as_ref().and_then(|map| map.redraw) {
+                None => Work::default(),
+                Some(Redraw::Added) => Work {
+                    maps: 1,
+                    triangles: 0,
+                },
+                Some(_) => Work { maps: 1, triangles },
+            };
+        }
+        if let Some(casters) = world.get::<CasterCascades>(sun) {
+            let drawn_over = [&casters.added, &casters.moving].map(|views| views.get(&camera));
+            for (caster, cascades) in drawn_over.into_iter().flatten().flatten() {
+                work.triangles += cascades.iter().count() * triangles_of(world, *caster);
+            }
         }
         work
     }

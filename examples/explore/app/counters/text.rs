@@ -57,6 +57,7 @@ impl MapState {
             Self::Drawn(Redraw::Size) => "size",
             Self::Drawn(Redraw::Moved) => "moved",
             Self::Drawn(Redraw::Casters) => "casters",
+            Self::Drawn(Redraw::Added) => "added",
         }
     }
 }

@@ -1,0 +1,193 @@
+//! Second views of maps: they draw some casters over what the maps' own views have drawn.
+
+use core::any::TypeId;
+
+use bevy::{
+    camera::{primitives::Frustum, visibility::RenderLayers},
+    ecs::{
+        component::Component,
+        entity::Entity,
+        query::{Has, QueryData},
+        system::{Commands, Query, Res, ResMut, SystemChangeTick, SystemParam},
+    },
+    math::UVec4,
+    mesh::Mesh3d,
+    pbr::{LightEntity, Shadow},
+    render::{
+        batching::gpu_preprocessing::{GpuPreprocessingMode, GpuPreprocessingSupport},
+        render_phase::ViewBinnedRenderPhases,
+        sync_world::MainEntity,
+        view::{
+            ExtractedView, NoIndirectDrawing, RenderShadowMapVisibleEntities,
+            RenderVisibleEntities, RenderVisibleEntitiesClass, RetainedViewEntity,
+        },
+    },
+};
+
+use super::{ExtractedShadows, layout::AdoptedMap};
+use crate::config::MAX_CASCADES;
+
+/// A view that draws some casters over a map.
+#[derive(Component, Debug, Clone, Copy)]
+pub(super) struct SecondView {
+    /// The map's own view.
+    pub of: Entity,
+}
+
+/// What a second view draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Over {
+    /// Casters that move.
+    Moving,
+    /// Casters that are added to those that the map holds.
+    Added,
+}
+
+impl Over {
+    /// Bevy counts a camera's maps of a light from 0.
+    fn subview_offset(self) -> u32 {
+        let offset = match self {
+            Self::Moving => MAX_CASCADES,
+            Self::Added => 2 * MAX_CASCADES,
+        };
+        offset as u32
+    }
+}
+
+#[derive(QueryData)]
+pub(super) struct MapView {
+    pub entity: Entity,
+    pub extracted: &'static ExtractedView,
+    light: &'static LightEntity,
+    frustum: &'static Frustum,
+    layers: &'static RenderLayers,
+    has_no_indirect: Has<NoIndirectDrawing>,
+}
+
+/// What it takes to make second views, anew in each frame: Bevy knows nothing of them.
+#[derive(SystemParam)]
+pub(super) struct SecondViews<'w, 's> {
+    pub commands: Commands<'w, 's>,
+    lights: Query<
+        'w,
+        's,
+        (
+            &'static MainEntity,
+            &'static mut RenderShadowMapVisibleEntities,
+        ),
+    >,
+    extracted: Res<'w, ExtractedShadows>,
+    support: Res<'w, GpuPreprocessingSupport>,
+    tick: SystemChangeTick,
+    phases: ResMut<'w, ViewBinnedRenderPhases<Shadow>>,
+}
+
+impl SecondViews<'_, '_> {
+    /// The casters that are to be drawn over a map; `None` if its light has none drawn over any.
+    pub fn casters(&self, map: &MapViewItem, over: Over) -> Option<&[(Entity, MainEntity)]> {
+        let LightEntity::Directional {
+            light_entity,
+            cascade_index,
+        } = *map.light
+        else {
+            return None;
+        };
+        let (main, _) = self.lights.get(light_entity).ok()?;
+        let light = self.extracted.lights.get(main)?;
+        let by_camera = match over {
+            Over::Moving => &light.moving,
+            Over::Added => &light.added,
+        };
+        let camera = map.extracted.retained_view_entity.auxiliary_entity?;
+        Some(by_camera.get(&camera)?.get(cascade_index)?)
+    }
+
+    /// Makes `view` draw them.
+    pub fn draw(
+        &mut self,
+        view: Entity,
+        map: &MapViewItem,
+        over: Over,
+        casters: &[(Entity, MainEntity)],
+    ) {
+        let LightEntity::Directional {
+            light_entity,
+            cascade_index,
+        } = *map.light
+        else {
+            return;
+        };
+        let Ok((_, mut lists)) = self.lights.get_mut(light_entity) else {
+            return;
+        };
+        let own = map.extracted.retained_view_entity;
+        let retained = RetainedViewEntity {
+            subview_index: own.subview_index + over.subview_offset(),
+            ..own
+        };
+        let mut view = self.commands.entity(view);
+        view.insert((
+            SecondView { of: map.entity },
+            ExtractedView {
+                retained_view_entity: retained,
+                ..copy_of(map.extracted)
+            },
+            *map.frustum,
+            map.layers.clone(),
+            LightEntity::Directional {
+                light_entity,
+                cascade_index,
+            },
+        ));
+        let most = if map.has_no_indirect {
+            view.insert(NoIndirectDrawing);
+            GpuPreprocessingMode::PreprocessingOnly
+        } else {
+            view.remove::<NoIndirectDrawing>();
+            GpuPreprocessingMode::Culling
+        };
+        // Where a frame was cut short, the last one's are still there.
+        self.phases.remove(&retained);
+        self.phases
+            .prepare_for_new_frame(retained, self.support.min(most));
+        lists
+            .subviews
+            .insert(retained, (self.tick.this_run(), listed(casters)));
+    }
+}
+
+fn copy_of(view: &ExtractedView) -> ExtractedView {
+    ExtractedView {
+        retained_view_entity: view.retained_view_entity,
+        clip_from_view: view.clip_from_view,
+        world_from_view: view.world_from_view,
+        clip_from_world: view.clip_from_world,
+        target_format: view.target_format,
+        viewport: view.viewport,
+        color_grading: view.color_grading.clone(),
+        invert_culling: view.invert_culling,
+    }
+}
+
+fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities {
+    let class = RenderVisibleEntitiesClass {
+        added_entities: casters.to_vec(),
+        entities_cpu_culling: casters.to_vec(),
+        ..Default::default()
+    };
+    RenderVisibleEntities {
+        classes: [(TypeId::of::<Mesh3d>(), class)].into_iter().collect(),
+    }
+}
+
+/// Gives second views the viewports of the maps that they draw over.
+pub(super) fn fit_viewports(
+    maps: Query<&AdoptedMap>,
+    mut views: Query<(&SecondView, &mut ExtractedView)>,
+) {
+    for (second, mut extracted) in &mut views {
+        if let Ok(map) = maps.get(second.of) {
+            extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
+        }
+    }
+}
