@@ -7,6 +7,7 @@ mod held;
 mod layout;
 mod lookup;
 mod map;
+mod rest;
 mod size;
 mod split;
 mod sun;
@@ -36,6 +37,7 @@ use crate::{
 
 use held::{HeldMap, Turn};
 use layout::{KeptRange, Layout};
+use rest::Rest;
 use sun::FollowedSun;
 
 /// One cascade of one light for one view.
@@ -151,6 +153,7 @@ pub struct PlanHistory {
     /// Faces that each slice has room for.
     faces: Kept<f64>,
     cascades: [CascadeHistory; MAX_CASCADES],
+    rest: Rest,
 }
 
 impl PlanHistory {
@@ -205,6 +208,13 @@ impl CascadeHistory {
 
 /// Plans all cascades of a light for a view.
 pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
+    let before = history.before(inputs);
+    let plans = plan_from(inputs, history);
+    history.note_rest(inputs, before.as_ref(), &plans);
+    plans
+}
+
+fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
     let config = inputs.config;
     if history.config.as_ref() != Some(config) {
         *history = PlanHistory::new(config);

@@ -2,10 +2,10 @@
 
 use bevy::{
     camera::{
-        primitives::{CascadesFrusta, Frustum},
+        primitives::Frustum,
         visibility::{
-            CascadesVisibleEntities, InheritedVisibility, RenderLayers, SetViewVisibility,
-            ViewVisibility, VisibleEntityRanges, VisibleMeshEntities,
+            InheritedVisibility, RenderLayers, SetViewVisibility, ViewVisibility,
+            VisibleEntityRanges, VisibleMeshEntities,
         },
     },
     ecs::{
@@ -13,7 +13,7 @@ use bevy::{
         query::{QueryData, Without},
         system::{ParamSet, Query, Res},
     },
-    light::{Cascades, DirectionalLight, SpotLight},
+    light::{DirectionalLight, SpotLight},
     shape::ViewFrustum,
 };
 
@@ -24,7 +24,7 @@ use super::{
     caster_cascades::cascades_of,
     casters::{Caster, Culling, IsCaster, cull, maps_where},
     moving::MovingCasters,
-    publish::{empty_cascade, published_cascade},
+    publish::{PublishedCascades, PublishedCascadesItem, empty_cascade, published_cascade},
 };
 use crate::{
     config::{CasterCulling, MapUpdates},
@@ -42,9 +42,7 @@ pub struct CulledLight {
     layers: Option<&'static RenderLayers>,
     updates: Option<&'static ShadowUpdates>,
     casters: &'static mut CasterCascades,
-    cascades: &'static mut Cascades,
-    frusta: &'static mut CascadesFrusta,
-    lists: &'static mut CascadesVisibleEntities,
+    published: PublishedCascades,
 }
 
 /// Finds the casters of each cascade, and publishes cascades, frusta and lists in Bevy's
@@ -73,8 +71,16 @@ pub fn cull_casters(
         it.casters.views.retain(|view, _| is_planned(view));
         it.casters.added.retain(|view, _| is_planned(view));
         it.casters.moving.retain(|view, _| is_planned(view));
-        if !it.lists.entities.keys().all(is_planned) {
-            it.lists.entities.retain(|view, _| is_planned(view));
+        let views = &it.plans.views;
+        it.published.show(|view| views.contains_key(&view));
+        let PublishedCascadesItem {
+            cascades,
+            frusta,
+            lists,
+            ..
+        } = &mut it.published;
+        if !casts {
+            lists.entities.clear();
         }
         // Where all is drawn in each frame, and by Bevy, nothing is drawn over it.
         let is_split = support.draws_maps()
@@ -87,18 +93,17 @@ pub fn cull_casters(
         };
 
         for (view, plan) in &it.plans.views {
-            let published: Vec<_> = (0..count)
-                .map(|index| {
-                    plan.get(index)
-                        .map_or_else(empty_cascade, published_cascade)
-                })
-                .collect();
-            let view_frusta = published
-                .iter()
-                .map(|cascade| Frustum(ViewFrustum::from_clip_from_world(&cascade.clip_from_world)))
-                .collect();
-            it.cascades.cascades.insert(*view, published);
-            it.frusta.frusta.insert(*view, view_frusta);
+            let of_view = cascades.cascades.entry(*view).or_default();
+            of_view.clear();
+            of_view.extend((0..count).map(|index| {
+                plan.get(index)
+                    .map_or_else(empty_cascade, published_cascade)
+            }));
+            let frusta = frusta.frusta.entry(*view).or_default();
+            frusta.clear();
+            frusta.extend(of_view.iter().map(|cascade| {
+                Frustum(ViewFrustum::from_clip_from_world(&cascade.clip_from_world))
+            }));
             if !casts {
                 continue;
             }
@@ -197,8 +202,7 @@ pub fn cull_casters(
                 of_views.remove(view);
             }
 
-            let view_lists = it.lists.entities.entry(*view).or_default();
-            // Bevy drops those of views that it culls nothing for.
+            let view_lists = lists.entities.entry(*view).or_default();
             let kept = if view_lists.len() == count {
                 held.without(with_lost)
             } else {
@@ -217,15 +221,15 @@ pub fn cull_casters(
         }
         // What is published for a camera that looks up another one's maps: those, and nothing to draw.
         for (guest, host) in shared.pairs() {
-            let (Some(published), Some(frusta)) = (
-                it.cascades.cascades.get(&host).cloned(),
-                it.frusta.frusta.get(&host).cloned(),
+            let (Some(published), Some(of_host)) = (
+                cascades.cascades.get(&host).cloned(),
+                frusta.frusta.get(&host).cloned(),
             ) else {
                 continue;
             };
-            it.cascades.cascades.insert(guest, published);
-            it.frusta.frusta.insert(guest, frusta);
-            let lists = it.lists.entities.entry(guest).or_default();
+            cascades.cascades.insert(guest, published);
+            frusta.frusta.insert(guest, of_host);
+            let lists = lists.entities.entry(guest).or_default();
             lists.clear();
             lists.resize_with(count, VisibleMeshEntities::default);
         }

@@ -21,7 +21,10 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-use super::{CasterCascades, ShadowPlans, publish::published_config};
+use super::{
+    CasterCascades, ShadowPlans,
+    publish::{HiddenCascades, published_config},
+};
 use crate::{
     config::{CascadeFit, ParallelSplitShadows, ShadowPreset, TexelGrid},
     plan::over_own_range,
@@ -35,7 +38,7 @@ use crate::{
 /// `shadow_maps_enabled` and `CascadeShadowConfig` are the plugin's while the light is managed.
 #[derive(Component, Reflect, Debug, Default, Clone)]
 #[reflect(Component, Default, Debug, Clone)]
-#[require(ShadowPlans, CasterCascades)]
+#[require(ShadowPlans, CasterCascades, HiddenCascades)]
 pub struct ManagedLight {
     #[reflect(ignore)]
     last_good: Option<ParallelSplitShadows>,
@@ -258,7 +261,7 @@ pub(super) fn manage_lights(
                     .queue_silenced(|mut light: EntityWorldMut| {
                         // It may have come back until this is carried out.
                         if !light.contains::<ParallelSplitShadows>() {
-                            light.remove::<(ManagedLight, ShadowPlans, CasterCascades)>();
+                            light.remove::<(ManagedLight, ShadowPlans, CasterCascades, HiddenCascades)>();
                         }
                     });
             }

@@ -97,21 +97,16 @@ impl OtherMaps<'_, '_> {
 }
 
 /// How often all maps are halved, beside what each has been already, before all of them fit.
-pub(super) fn halvings_within(
+pub(super) fn halvings_within<'a, Maps: Iterator<Item = (&'a ParallelSplitShadows, u32)>>(
     limit: ShadowMemoryLimit,
-    maps: &[(&ParallelSplitShadows, u32)],
+    maps: impl Fn() -> Maps,
     others: OtherLayers,
 ) -> u32 {
     let bytes = |halvings: u32| {
-        let layers = maps
-            .iter()
-            .map(|(config, own)| layer(config, own + halvings));
+        let layers = maps().map(|(config, own)| layer(config, own + halvings));
         // All layers are as large as the largest.
         let largest = layers.fold(UVec2::splat(others.side), UVec2::max);
-        let count: u64 = maps
-            .iter()
-            .map(|(config, _)| u64::from(config.cascades))
-            .sum();
+        let count: u64 = maps().map(|(config, _)| u64::from(config.cascades)).sum();
         4 * (count + others.count) * u64::from(largest.x) * u64::from(largest.y)
     };
     (0..u32::BITS)

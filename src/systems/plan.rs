@@ -7,7 +7,6 @@ use bevy::{
     asset::Assets,
     camera::{
         Camera, Camera3d, Projection,
-        primitives::CascadesFrusta,
         visibility::{InheritedVisibility, NoCpuCulling, RenderLayers, VisibleEntities},
     },
     ecs::{
@@ -20,7 +19,7 @@ use bevy::{
         resource::Resource,
         system::{Local, Query, Res, ResMut},
     },
-    light::{Cascades, DirectionalLight, VolumetricFog, VolumetricLight},
+    light::{DirectionalLight, VolumetricFog, VolumetricLight},
     log::warn,
     math::DVec3,
     mesh::{Mesh, Mesh3d},
@@ -32,7 +31,8 @@ use super::{
     ChangedCasters, DisplacedMeshes, ManagedLight, MeshBoxes, ShadowMemoryLimit, ShadowUpdates,
     SharedViews, SharesShadowsWith,
     gather::{IsReceiver, ReceiverMesh, receivers, view_volume},
-    memory::{OtherLayers, OtherMaps, halvings_for, halvings_within},
+    memory::{OtherMaps, halvings_for, halvings_within},
+    publish::PublishedCascades,
     share::Sharer,
 };
 use crate::{
@@ -116,12 +116,11 @@ pub struct PlannedLight {
     is_volumetric: Has<VolumetricLight>,
     updates: Option<&'static ShadowUpdates>,
     plans: &'static mut ShadowPlans,
-    cascades: &'static mut Cascades,
-    frusta: &'static mut CascadesFrusta,
+    published: PublishedCascades,
 }
 
 /// What a camera is to a light's shadows.
-enum View {
+pub enum View {
     /// No managed light shines for it.
     Unlit,
     /// Its transform or projection is degenerate.
@@ -130,10 +129,12 @@ enum View {
 }
 
 /// What a camera sees.
-struct Seen {
+pub struct Seen {
     volume: ViewVolume,
     has_fog: bool,
     image_height: f64,
+    /// So do its receivers.
+    rests: bool,
 }
 
 /// The receivers before a camera, and what they were gathered from.
@@ -156,29 +157,32 @@ fn layers_of(layers: Option<&RenderLayers>) -> RenderLayers {
     layers.cloned().unwrap_or_default()
 }
 
-/// How often all maps are halved so that they fit.
-fn halvings_of_all(
-    lights: &Query<PlannedLight>,
-    others: OtherLayers,
-    views: &[(Entity, RenderLayers, View)],
-    limit: ShadowMemoryLimit,
-) -> u32 {
-    let mut maps = Vec::new();
-    for it in lights.iter().filter(|it| shines(it.light, it.inherited)) {
-        let Some(config) = it.managed.config() else {
-            continue;
+/// The configurations of the lights that cast shadows on anything that a camera of some render layers sees.
+fn shining<'a>(
+    lights: &'a Query<PlannedLight>,
+    camera: &'a RenderLayers,
+) -> impl Iterator<Item = &'a ParallelSplitShadows> {
+    let lights = lights.iter().filter(|it| shines(it.light, it.inherited));
+    let lights = lights.filter(|it| it.layers.unwrap_or_default().intersects(camera));
+    lights.filter_map(|it| it.managed.config())
+}
+
+/// For each view and light the configuration of its maps, and how often they are halved as they are.
+fn maps_of<'a>(
+    lights: &'a Query<PlannedLight>,
+    views: &'a [(Entity, RenderLayers, View)],
+) -> impl Iterator<Item = (&'a ParallelSplitShadows, u32)> {
+    views.iter().flat_map(move |(_, layers, view)| {
+        let height = match view {
+            View::Seen(seen) if seen.image_height > 1.0 => Some(seen.image_height),
+            _ => None,
         };
-        let layers = layers_of(it.layers);
-        for (_, of_camera, view) in views {
-            if let View::Seen(seen) = view
-                && layers.intersects(of_camera)
-                && seen.image_height > 1.0
-            {
-                maps.push((config, halvings_for(config, seen.image_height)));
-            }
-        }
-    }
-    halvings_within(limit, &maps, others)
+        let maps = move |height| {
+            let shining = shining(lights, layers);
+            shining.map(move |config| (config, halvings_for(config, height)))
+        };
+        height.into_iter().flat_map(maps)
+    })
 }
 
 /// Plans the cascades of every managed light for every active 3D camera. Runs in
@@ -200,17 +204,13 @@ pub fn plan_shadows(
     mut shared: ResMut<SharedViews>,
     changed: Res<ChangedCasters>,
     mut gathered: Local<EntityHashMap<Gathered>>,
+    mut views: Local<Vec<(Entity, RenderLayers, View)>>,
     (mut warned, mut warned_of_memory): (Local<EntityHashSet>, Local<bool>),
 ) {
     let displaced = displaced.get();
-    let shining: Vec<(RenderLayers, &ParallelSplitShadows)> = lights
-        .iter()
-        .filter(|it| shines(it.light, it.inherited))
-        .filter_map(|it| Some((layers_of(it.layers), it.managed.config()?)))
-        .collect();
     let active = || cameras.iter().filter(|it| it.camera.is_active);
     // Bevy's pass draws for each camera.
-    *shared = if support.draws_maps() {
+    *shared = if support.draws_maps() && active().nth(1).is_some() {
         let sharers = active().map(|it| Sharer {
             camera: it.entity,
             with: it.shares_with.map(|it| it.0),
@@ -225,75 +225,77 @@ pub fn plan_shadows(
     } else {
         SharedViews::default()
     };
-    let views: Vec<(Entity, RenderLayers, View)> = active()
-        .filter(|it| shared.host_of(it.entity).is_none())
-        .map(|it| {
-            let layers = layers_of(it.layers);
-            let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
-            let guests: Vec<_> = guests.collect();
-            let meeting = shining
-                .iter()
-                .filter(|(light, _)| light.intersects(&layers));
-            let meeting: Vec<_> = meeting.map(|(_, config)| *config).collect();
-            let far = meeting
-                .iter()
-                .map(|config| f64::from(config.far))
-                .fold(0.0, f64::max);
-            let own_volume = || view_volume(it.transform, it.projection, it.camera);
-            let view = match shared.volume_of(it.entity).or_else(own_volume) {
-                _ if meeting.is_empty() => View::Unlit,
-                None => View::Degenerate,
-                Some(volume) => {
-                    let all = || guests.iter().chain([&it]);
-                    let heights = all().filter_map(|it| it.camera.physical_viewport_size());
-                    let height = heights.map(|size| size.y).max().unwrap_or(1);
-                    let is_focused = meeting
-                        .iter()
-                        .any(|config| config.comparison.focus == ShadowFocus::Receivers);
-                    let visible = || {
-                        let meshes = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
-                        meshes.copied().chain(&unculled).filter(|_| is_focused)
-                    };
-                    let is_same = gathered.get(&it.entity).is_some_and(|last| {
-                        let is_known = last.is_settled && parts.are_settled();
-                        let is_there = last.volume == volume && last.far == far;
-                        is_known && is_there && visible().eq(last.visible.iter().copied())
-                    });
-                    if !is_same || changed.have_receivers_changed() {
-                        let visible: Vec<Entity> = visible().collect();
-                        let receivers = if is_focused {
-                            // Of what several cameras see, each once.
-                            let mut once = Vec::new();
-                            if !guests.is_empty() {
-                                once.clone_from(&visible);
-                                once.sort_unstable();
-                                once.dedup();
-                            }
-                            let once = if guests.is_empty() { &visible } else { &once };
-                            let assets = assets.as_deref();
-                            receivers(&volume, far, &meshes, once, assets, &mut parts, &displaced)
-                        } else {
-                            Receivers::everywhere(&volume)
+    views.clear();
+    views.extend(
+        active()
+            .filter(|it| shared.host_of(it.entity).is_none())
+            .map(|it| {
+                let layers = layers_of(it.layers);
+                let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
+                let guests: Vec<_> = guests.collect();
+                let meeting = || shining(&lights, &layers);
+                let far = meeting()
+                    .map(|config| f64::from(config.far))
+                    .fold(0.0, f64::max);
+                let own_volume = || view_volume(it.transform, it.projection, it.camera);
+                let view = match shared.volume_of(it.entity).or_else(own_volume) {
+                    _ if meeting().next().is_none() => View::Unlit,
+                    None => View::Degenerate,
+                    Some(volume) => {
+                        let all = || guests.iter().chain([&it]);
+                        let heights = all().filter_map(|it| it.camera.physical_viewport_size());
+                        let height = heights.map(|size| size.y).max().unwrap_or(1);
+                        let is_focused = meeting()
+                            .any(|config| config.comparison.focus == ShadowFocus::Receivers);
+                        let visible = || {
+                            let meshes =
+                                all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
+                            meshes.copied().chain(&unculled).filter(|_| is_focused)
                         };
-                        let gathered_now = Gathered {
+                        let is_same = gathered.get(&it.entity).is_some_and(|last| {
+                            let is_known = last.is_settled && parts.are_settled();
+                            let is_there = last.volume == volume && last.far == far;
+                            is_known && is_there && visible().eq(last.visible.iter().copied())
+                        });
+                        let rests = is_same && !changed.have_receivers_changed();
+                        if !rests {
+                            let visible: Vec<Entity> = visible().collect();
+                            let receivers = if is_focused {
+                                // Of what several cameras see, each once.
+                                let mut once = Vec::new();
+                                if !guests.is_empty() {
+                                    once.clone_from(&visible);
+                                    once.sort_unstable();
+                                    once.dedup();
+                                }
+                                let once = if guests.is_empty() { &visible } else { &once };
+                                let assets = assets.as_deref();
+                                receivers(
+                                    &volume, far, &meshes, once, assets, &mut parts, &displaced,
+                                )
+                            } else {
+                                Receivers::everywhere(&volume)
+                            };
+                            let gathered_now = Gathered {
+                                volume,
+                                far,
+                                visible,
+                                receivers,
+                                is_settled: parts.take_is_settled(),
+                            };
+                            gathered.insert(it.entity, gathered_now);
+                        }
+                        View::Seen(Seen {
                             volume,
-                            far,
-                            visible,
-                            receivers,
-                            is_settled: parts.take_is_settled(),
-                        };
-                        gathered.insert(it.entity, gathered_now);
+                            has_fog: all().any(|it| it.has_fog),
+                            image_height: f64::from(height.max(1)),
+                            rests,
+                        })
                     }
-                    View::Seen(Seen {
-                        volume,
-                        has_fog: all().any(|it| it.has_fog),
-                        image_height: f64::from(height.max(1)),
-                    })
-                }
-            };
-            (it.entity, layers, view)
-        })
-        .collect();
+                };
+                (it.entity, layers, view)
+            }),
+    );
 
     // What changes while nothing is gathered is not known afterwards.
     gathered.retain(|view, _| {
@@ -304,7 +306,8 @@ pub fn plan_shadows(
     });
 
     let others = others.layers(active().map(|it| layers_of(it.layers)));
-    let halvings = halvings_of_all(&lights, others, &views, *limit);
+    let maps = || maps_of(&lights, &views);
+    let halvings = halvings_within(*limit, maps, others);
     if halvings > 0 && !core::mem::replace(&mut *warned_of_memory, true) {
         warn!(
             "Shadow maps would take more than {} MiB together: all are halved until they fit",
@@ -319,9 +322,7 @@ pub fn plan_shadows(
         };
         let shines = shines(it.light, it.inherited);
         let layers = layers_of(it.layers);
-        // With nothing to cull for, Bevy does not.
-        it.cascades.cascades.clear();
-        it.frusta.frusta.clear();
+        it.published.hide();
 
         let origin = if origin.0.is_finite() {
             origin.0
@@ -345,9 +346,9 @@ pub fn plan_shadows(
             &CasterChanges::Anywhere
         };
         known_layers.clone_from(&layers);
-        planned.clear();
+        planned.retain(|view, _| views.iter().any(|(active, ..)| active == view));
         history.retain(|view, _| views.iter().any(|(active, ..)| active == view));
-        for (view, of_camera, seen) in &views {
+        for (view, of_camera, seen) in &*views {
             let meets = shines && layers.intersects(of_camera);
             is_degenerate |= meets && matches!(seen, View::Degenerate);
             let plan = match (seen, &frame, gathered.get(view)) {
@@ -370,7 +371,11 @@ pub fn plan_shadows(
                         image_height: seen.image_height,
                         changes,
                     };
-                    plan_cascades(&inputs, history.entry(*view).or_default())
+                    let history = history.entry(*view).or_default();
+                    if seen.rests && planned.contains_key(view) && history.is_at_rest(&inputs) {
+                        continue;
+                    }
+                    plan_cascades(&inputs, history)
                 }
                 _ => {
                     history.remove(view);

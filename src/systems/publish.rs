@@ -1,7 +1,16 @@
 //! What is published in Bevy's components, for whatever reads those.
 
 use bevy::{
-    light::{CascadeShadowConfig, cascade::Cascade},
+    camera::{
+        primitives::{CascadesFrusta, Frustum},
+        visibility::{CascadesVisibleEntities, VisibleMeshEntities},
+    },
+    ecs::{
+        component::Component,
+        entity::{Entity, EntityHashMap},
+        query::QueryData,
+    },
+    light::{CascadeShadowConfig, Cascades, cascade::Cascade},
     math::{Mat4, Vec3},
 };
 
@@ -9,6 +18,51 @@ use crate::{
     config::ParallelSplitShadows,
     plan::{CascadePlan, split_planes},
 };
+
+/// What is published of a managed light, while Bevy is not to see it.
+#[derive(Component, Debug, Default, Clone)]
+pub struct HiddenCascades {
+    cascades: EntityHashMap<Vec<Cascade>>,
+    frusta: EntityHashMap<Vec<Frustum>>,
+    lists: EntityHashMap<Vec<VisibleMeshEntities>>,
+}
+
+/// Where a managed light's cascades, frusta and lists are published.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub struct PublishedCascades {
+    pub cascades: &'static mut Cascades,
+    pub frusta: &'static mut CascadesFrusta,
+    pub lists: &'static mut CascadesVisibleEntities,
+    hidden: &'static mut HiddenCascades,
+}
+
+impl PublishedCascadesItem<'_, '_> {
+    /// Takes all of it away until it is shown again: Bevy would cull for what it sees of cascades, and drop lists of views that
+    /// it culls nothing for.
+    pub fn hide(&mut self) {
+        *self.hidden = HiddenCascades {
+            cascades: core::mem::take(&mut self.cascades.cascades),
+            frusta: core::mem::take(&mut self.frusta.frusta),
+            lists: core::mem::take(&mut self.lists.entities),
+        };
+    }
+
+    /// Brings back what was hidden, of the views that it is still for.
+    pub fn show(&mut self, is_for: impl Fn(Entity) -> bool) {
+        let HiddenCascades {
+            mut cascades,
+            mut frusta,
+            mut lists,
+        } = core::mem::take(&mut *self.hidden);
+        cascades.retain(|view, _| is_for(*view));
+        frusta.retain(|view, _| is_for(*view));
+        lists.retain(|view, _| is_for(*view));
+        self.cascades.cascades = cascades;
+        self.frusta.frusta = frusta;
+        self.lists.entities = lists;
+    }
+}
 
 /// A plan in the terms of Bevy's component.
 pub(super) fn published_cascade(plan: &CascadePlan) -> Cascade {

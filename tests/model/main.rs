@@ -20,6 +20,7 @@ mod predict;
 mod presets;
 mod receivers;
 mod reload;
+mod rest;
 mod rounding;
 mod saved;
 mod splits;

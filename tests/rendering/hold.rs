@@ -287,6 +287,7 @@ fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])
         ..shadows()
     });
     let block = blocks(&mut stage)[0];
+    let mut movers = Vec::new();
     let center = eye().translation.with_y(1.0);
     for step in 0..120 {
         let turn = Quat::from_rotation_y(0.3 * step as f32);
@@ -295,7 +296,12 @@ fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])
         let mut copy = stage.world().entity_mut(copy);
         copy.insert(Transform::from_translation(at));
     }
-    let mover = is_any_moving.then_some(block);
+    // Before the camera, wherever it looks.
+    let distances = [3.0, 5.0, 9.0, 14.0, 22.0, 35.0, 60.0];
+    for distance in distances.into_iter().filter(|_| is_any_moving) {
+        let copy = stage.world().entity_mut(block).clone_and_spawn();
+        movers.push((copy, distance));
+    }
     for _ in 0..4 {
         stage.step();
     }
@@ -305,10 +311,10 @@ fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])
         for mut camera in cameras.iter_mut(world) {
             camera.rotate_y(1.5_f32.to_radians());
         }
-        if let Some(mover) = mover {
-            let turn = Quat::from_rotation_y(0.026 * frame as f32);
-            let at = center + turn * Vec3::NEG_Z * 6.0;
-            *world.get_mut::<Transform>(mover).expect("one") = Transform::from_translation(at);
+        for (mover, distance) in &movers {
+            let turn = Quat::from_rotation_y((1.5 * frame as f32 + 90.0 / distance).to_radians());
+            let at = center + turn * Vec3::NEG_Z * *distance;
+            *world.get_mut::<Transform>(*mover).expect("one") = Transform::from_translation(at);
         }
         stage.step();
         let counts = [drawn(&mut stage), drawn_over(&mut stage)];
