@@ -218,7 +218,7 @@ fn corners_ahead(
 /// How far a map's casters reach beyond what needs them when it is drawn, as shares of the radius of that: in all
 /// directions, and on its way. More can be added any time: these are for how seldom.
 const AROUND: f64 = 0.015;
-const AHEAD: f64 = 0.22;
+const AHEAD: f64 = 0.18;
 
 fn radius(volume: &CascadeVolume) -> f64 {
     let center = volume.body.center();
@@ -226,24 +226,26 @@ fn radius(volume: &CascadeVolume) -> f64 {
     corners.fold(0.0, |radius, corner| center.distance(*corner).max(radius))
 }
 
-/// A box laid so that it serves as long as can be if a view goes on as it did, and for how many times that is.
-fn laid_ahead(
+/// How often what moved a view can go on, and for how much longer a box then serves: the one that `laid` gives for
+/// what is needed until then.
+fn longest(
     inputs: &PlanInputs,
     volume: &CascadeVolume,
-    map_box: &MapBox,
     before: &ViewVolume,
+    first: MapBox,
+    laid: impl Fn(&[DVec3]) -> MapBox,
 ) -> (MapBox, f64) {
-    let laid = |times: f64| {
-        let ahead = corners_ahead(volume, before, inputs.view, times);
-        let points = || volume.body.corners.iter().chain(&ahead).copied();
-        let laid = map_box.about(points(), inputs.light);
-        let spare = laid.spare(points(), inputs.light, inputs.reach);
+    let serving = |times: f64| {
+        let mut points = corners_ahead(volume, before, inputs.view, times);
+        points.extend(&volume.body.corners);
+        let laid = laid(&points);
+        let spare = laid.spare(points.iter().copied(), inputs.light, inputs.reach);
         (spare.min_element() >= 0.0).then_some(laid)
     };
-    let mut best = (*map_box, 0.0);
+    let mut best = (first, 0.0);
     let mut step = MOST_TIMES;
     for _ in 0..HALVINGS {
-        if let Some(laid) = laid(best.1 + step) {
+        if let Some(laid) = serving(best.1 + step) {
             best = (laid, best.1 + step);
         }
         step *= 0.5;
@@ -270,15 +272,18 @@ fn ahead(
         // What its casters have drawn anew each frame need hold none for the frames to come.
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
         (Redraw::Moved | Redraw::Added, Some(held)) => {
-            let (placed, longest) = if redraw == Redraw::Added {
-                (held.placed.clone(), MOST_TIMES)
-            } else {
-                let (map_box, times) = laid_ahead(inputs, volume, &map_box, &held.view);
-                let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
-                (placed, times)
+            let (first, is_laid) = match held.placed.map_box {
+                Some(held) if redraw == Redraw::Added => (held, true),
+                _ => (map_box, false),
             };
+            let laid = |points: &[DVec3]| match is_laid {
+                true => first,
+                false => first.about(points.iter().copied(), inputs.light),
+            };
+            let (map_box, serves) = longest(inputs, volume, &held.view, first, laid);
+            let placed = PlacedMap::of_box(map_box, inputs.light, wanted.fit);
             let moved = volume.body.center().distance(held.center_ws);
-            let times = (AHEAD * radius / moved).min(longest);
+            let times = (AHEAD * radius / moved).min(serves);
             let ahead_ws = corners_ahead(volume, &held.view, inputs.view, times);
             (placed, Spare { around, ahead_ws })
         }
