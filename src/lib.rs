@@ -25,7 +25,7 @@
 //!   world: order your own systems against them.
 //! - [`ShadowPlans`] and [`CasterCascades`] on the light hold each frame's results: cascades
 //!   per camera, why each is drawn in this frame, if it is, and each caster's cascades. Bevy's own `Cascades`, `CascadesFrusta`
-//!   and `CascadesVisibleEntities` are kept true, but for casters that move, which
+//!   and `CascadesVisibleEntities` are kept true from `PssmSystems::CullCasters` on, but for casters that move, which
 //!   [`CasterCascades::moving`] has; `CascadeShadowConfig` has the splits as
 //!   configured, which fitted maps spread over what is seen.
 //! - [`ManagedLight`] on the light holds what Bevy's settings were: a game that saves lights saves it, too.
@@ -38,7 +38,7 @@
 //! - The feature `experimental_pcss` gives lights Bevy's `soft_shadow_size`, which asks for soft shadows
 //!   where the filter is left to the camera.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
-//! - [`MAPS_DRAWN`] and [`MAPS_HELD`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
+//! - [`MAPS_DRAWN`], [`MAPS_ADDED_TO`] and [`MAPS_HELD`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
 //!   each map that is drawn as `pssm_shadow_map_0` and so on, and what moves in it as `pssm_moving_casters_0`.
 //!
 //! # Limits
@@ -96,8 +96,8 @@ pub use render::{AdoptedMap, DrawShadowMap, PssmRenderSystems, ShadowTarget};
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
-    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_DRAWN, MAPS_HELD, ManagedLight,
-    PssmSystems, ShadowGridOrigin, ShadowMemoryLimit, ShadowPlans, ShadowUpdates,
+    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD,
+    ManagedLight, PssmSystems, ShadowGridOrigin, ShadowMemoryLimit, ShadowPlans, ShadowUpdates,
     SharesShadowsWith,
 };
 

@@ -21,7 +21,7 @@ pub use caster_cascades::{CascadeSet, CasterCascades};
 pub use caster_state::ShadowUpdates;
 pub use changes::{ChangedCasters, find_changes};
 pub use cull::cull_casters;
-pub use diagnostics::{MAPS_DRAWN, MAPS_HELD};
+pub use diagnostics::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use memory::ShadowMemoryLimit;

@@ -1,6 +1,6 @@
 //! Stable maps: constant size and orientation, moved by whole texels.
 
-use bevy::math::{DMat3, DVec2, DVec3, Quat, UVec2, Vec3};
+use bevy::math::{DMat3, DVec2, DVec3, Mat4, Quat, UVec2, Vec3};
 use bevy_pssm::{
     CascadeFit, MapSize, MapWarp, ParallelSplitShadows, SplitScheme,
     geometry::{
@@ -229,6 +229,35 @@ fn maps_are_laid_about_points_in_whole_texels() {
         assert!(moved.abs_diff_eq(moved.round(), 1e-9), "{step}: {moved}");
         assert_eq!((laid.half, laid.texel), (map.half, map.texel));
     }
+}
+
+/// Maps that lie whole texels apart round otherwise in `f32`, as the GPU places what it draws: what was drawn for one is not,
+/// to the bit, what would be drawn for the other.
+#[test]
+fn maps_whole_texels_apart_are_not_the_same_to_the_bit() {
+    let size = 2048.0;
+    let map = |texels: f64| MapBox {
+        center: DVec3::new(0.37 * texels, 0.0, 0.0),
+        half: DVec3::splat(0.37 * 0.5 * size),
+        texel: DVec2::splat(0.37),
+    };
+    let light = LightFrame::new(DVec3::new(0.3, 0.7, -0.45)).expect("a direction");
+    let [here, there] = [0.0, 301.0].map(|texels| map(texels).clip_from_world(&light).as_mat4());
+    // Of a texel, as rasterizers count.
+    let place = |clip_from_world: &Mat4, corner: Vec3| {
+        let ndc = clip_from_world.project_point3(corner);
+        (256.0 * size as f32 * (0.5 * ndc.x + 0.5)).round()
+    };
+    let mut apart = 0;
+    let corners = 10_000;
+    for step in 0..corners {
+        let [x, z] = [0.618_034, 0.754_877].map(|share| (share * step as f32).fract() - 0.5);
+        let corner = Vec3::new(300.0 * x, 3.0, 300.0 * z);
+        let moved = place(&here, corner) - place(&there, corner);
+        apart += usize::from(moved != 256.0 * 301.0);
+    }
+    let share = apart as f64 / f64::from(corners);
+    assert!((0.001..0.5).contains(&share), "{share}");
 }
 
 /// Texels have corners: those of the outermost that a filter reads are in the hull.
