@@ -10,7 +10,7 @@ use bevy::{
     prelude::*,
     render::RenderApp,
 };
-use bevy_pssm::{MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
+use bevy_pssm::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
 use image::RgbaImage;
 
 use crate::{
@@ -276,8 +276,9 @@ fn held_pictures_are_those_of_maps_drawn_anew() {
     }
 }
 
-/// A turn on the spot among blocks, one of which may move, and in each frame: maps drawn anew, and second views drawn.
-fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])> {
+/// A turn on the spot among blocks, some of which may move, and in each frame: maps drawn anew, second views drawn,
+/// and maps that count as added to.
+fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 3])> {
     let comparison = Comparison {
         updates,
         ..default()
@@ -317,7 +318,10 @@ fn turn(updates: MapUpdates, is_any_moving: bool) -> Vec<(RgbaImage, [usize; 2])
             *world.get_mut::<Transform>(*mover).expect("one") = Transform::from_translation(at);
         }
         stage.step();
-        let counts = [drawn(&mut stage), drawn_over(&mut stage)];
+        let store = stage.world().resource::<DiagnosticsStore>();
+        let added_to = store.get_measurement(&MAPS_ADDED_TO).map(|it| it.value);
+        let added_to = added_to.expect("a count") as usize;
+        let counts = [drawn(&mut stage), drawn_over(&mut stage), added_to];
         (stage.last_picture(), counts)
     });
     frames.collect()
@@ -329,18 +333,20 @@ fn what_is_added_is_drawn_over_what_is_held() {
     for is_any_moving in [false, true] {
         let anew = turn(MapUpdates::EveryFrame, is_any_moving);
         let held = turn(MapUpdates::WhenNeeded, is_any_moving);
-        let mut counts = [0; 2];
-        for (frame, ((held, [anew_in_frame, over]), (anew, _))) in
-            held.iter().zip(&anew).enumerate()
-        {
+        let mut totals = [0; 3];
+        for (frame, ((held, counts), (anew, of_anew))) in held.iter().zip(&anew).enumerate() {
             if held != anew {
                 assert_identical(&format!("added_{is_any_moving}_{frame}"), held, anew);
             }
-            counts[0] += anew_in_frame;
-            counts[1] += over;
+            for (total, count) in totals.iter_mut().zip(counts) {
+                *total += count;
+            }
+            assert_eq!(of_anew[2], 0);
         }
-        println!("{counts:?}");
-        assert!(counts[0] < 60 && counts[1] > 10, "{counts:?}");
+        let [anew, over, added_to] = totals;
+        assert!(anew < 60 && over > 10 && added_to > 10, "{totals:?}");
+        // Maps may come to be for more, and there is none to add.
+        assert!(is_any_moving || added_to >= over, "{totals:?}");
     }
 }
 
