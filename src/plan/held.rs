@@ -267,7 +267,7 @@ fn ahead(
     };
     let radius = radius(volume);
     let spare_ls = spare(inputs, volume, &map_box).truncate();
-    let around = spare_ls.max_element().clamp(0.0, AROUND * radius);
+    let around = spare_ls.max_element().min(AROUND * radius).max(0.0);
     match (redraw, held) {
         // What its casters have drawn anew each frame need hold none for the frames to come.
         (Redraw::Casters, Some(held)) if !held.has_lasted => (wanted, Spare::default()),
