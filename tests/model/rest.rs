@@ -2,10 +2,11 @@
 
 #![expect(unsafe_code, reason = "allocators are unsafe")]
 
-use std::{
-    alloc::{GlobalAlloc, Layout, System},
+use core::{
+    alloc::{GlobalAlloc, Layout},
     cell::Cell,
 };
+use std::alloc::System;
 
 use bevy::{
     camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
