@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
-use crate::config::{CascadeFit, MapUpdates};
+use crate::config::{CascadeFit, CasterCulling, MapUpdates};
 use crate::geometry::{
     body::ConvexBody, fit::MapBox, hull::CasterHull, light_frame::LightFrame,
     oriented_box::OrientedBox, slice::ViewVolume,
@@ -18,7 +18,7 @@ pub enum Redraw {
     Light,
     /// Its size, fit or texels are others.
     Size,
-    /// What receives shadows has left what the map covers.
+    /// What receives shadows has left what the map covers; or casters have been added to it many times.
     Moved,
     /// A caster that it holds, or is to hold, has changed.
     Casters,
@@ -53,7 +53,7 @@ pub(super) struct HeldMap {
     map: CascadeMap,
     /// Hulls of the casters that it held before more were added.
     earlier_hulls: Vec<CasterHull>,
-    /// It has outlived the frame that it was drawn in.
+    /// It has outlived the frame that it was drawn anew in.
     has_lasted: bool,
     /// Why it should have been drawn anew, and how many frames ago.
     owed: Option<(Redraw, u32)>,
@@ -97,9 +97,9 @@ impl Turn {
 }
 
 impl HeldMap {
-    /// Whether it has ever been drawn with the casters that matter to a body: it then holds them. From now on it is
-    /// for those.
-    fn has_casters_of(&mut self, body: &ConvexBody, margin: f64) -> bool {
+    /// Whether it has ever been drawn with the casters that matter to a body, and so holds them. If so, it is for those
+    /// from now on.
+    fn comes_back_to(&mut self, body: &ConvexBody, margin: f64) -> bool {
         let hull = &mut self.map.hull;
         if hull.contains(body, margin) {
             return true;
@@ -136,9 +136,10 @@ impl HeldMap {
             Some(Redraw::Casters)
         } else if !covers {
             Some(Redraw::Moved)
-        } else if !self.has_casters_of(&volume.body, wanted.margin(inputs)) {
-            let is_full = self.earlier_hulls.len() >= MOST_ADDITIONS;
-            Some(if is_full {
+        } else if !self.comes_back_to(&volume.body, wanted.margin(inputs)) {
+            // Without culling a map holds more than its hulls tell.
+            let is_off = inputs.config.comparison.culling == CasterCulling::Off;
+            Some(if is_off || self.earlier_hulls.len() >= MOST_ADDITIONS {
                 Redraw::Moved
             } else {
                 Redraw::Added
@@ -147,6 +148,11 @@ impl HeldMap {
             None
         };
         match (why, self.owed) {
+            // It has come back to what it holds.
+            (None, Some((Redraw::Added, _))) => {
+                self.owed = None;
+                None
+            }
             // What is added to holds nothing else that is due.
             (None | Some(Redraw::Added), Some((owed, _))) => Some(owed),
             _ => why,
@@ -155,12 +161,18 @@ impl HeldMap {
 
     /// Whether casters have changed that it holds, or that matter to what is seen.
     fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
-        match inputs.changes {
-            CasterChanges::Anywhere | CasterChanges::AtOnce(None) => true,
-            CasterChanges::At(changed) | CasterChanges::AtOnce(Some(changed)) => {
-                let hulls = || self.earlier_hulls.iter().chain([&self.map.hull]);
-                let is_held = |bounds| hulls().any(|hull| hull.intersects_box(bounds));
-                changed.iter().any(is_held)
+        let mut hulls = self.earlier_hulls.iter().chain([&self.map.hull]);
+        hulls.any(|hull| inputs.changes.meet(hull))
+    }
+}
+
+impl CasterChanges {
+    /// Whether any are where casters matter.
+    fn meet(&self, hull: &CasterHull) -> bool {
+        match self {
+            Self::Anywhere | Self::AtOnce(None) => true,
+            Self::At(changed) | Self::AtOnce(Some(changed)) => {
+                changed.iter().any(|bounds| hull.intersects_box(bounds))
             }
         }
     }
@@ -226,8 +238,8 @@ fn radius(volume: &CascadeVolume) -> f64 {
     corners.fold(0.0, |radius, corner| center.distance(*corner).max(radius))
 }
 
-/// How often what moved a view can go on, and for how much longer a box then serves: the one that `laid` gives for
-/// what is needed until then.
+/// The box that serves longest if a view goes on as it did, of those that `laid` gives for the points that are needed until some
+/// time; and how many times what moved the view can then be repeated.
 fn longest(
     inputs: &PlanInputs,
     volume: &CascadeVolume,
@@ -238,15 +250,15 @@ fn longest(
     let serving = |times: f64| {
         let mut points = corners_ahead(volume, before, inputs.view, times);
         points.extend(&volume.body.corners);
-        let laid = laid(&points);
-        let spare = laid.spare(points.iter().copied(), inputs.light, inputs.reach);
-        (spare.min_element() >= 0.0).then_some(laid)
+        let map_box = laid(&points);
+        let spare = map_box.spare(points.iter().copied(), inputs.light, inputs.reach);
+        (spare.min_element() >= 0.0).then_some(map_box)
     };
     let mut best = (first, 0.0);
     let mut step = MOST_TIMES;
     for _ in 0..HALVINGS {
-        if let Some(laid) = serving(best.1 + step) {
-            best = (laid, best.1 + step);
+        if let Some(map_box) = serving(best.1 + step) {
+            best = (map_box, best.1 + step);
         }
         step *= 0.5;
     }
@@ -303,13 +315,15 @@ pub(super) fn hold(
     turn: &mut Turn,
     held: &mut Option<HeldMap>,
 ) -> Option<CascadeMap> {
+    let had_lasted = held.as_ref().is_some_and(|held| held.has_lasted);
     let mut redraw = held.as_mut().map_or(Some(Redraw::New), |held| {
         held.why_redraw(inputs, volume, &wanted, size)
     });
     if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
         let waited = held.owed.map_or(0, |(_, frames)| frames);
-        let is_urgent =
-            matches!(inputs.changes, CasterChanges::AtOnce(_)) && held.has_stale_casters(inputs);
+        let is_urgent = matches!(inputs.changes, CasterChanges::AtOnce(_))
+            && (held.has_stale_casters(inputs)
+                || inputs.changes.meet(&wanted.hull(inputs, volume)));
         if held.size == size && !is_urgent && turn.is_for_another(inputs, index, (due, waited)) {
             held.owed = Some((due, waited + 1));
             redraw = None;
@@ -337,7 +351,7 @@ pub(super) fn hold(
         });
     }
     let held = held.as_mut()?;
-    held.has_lasted = redraw.is_none();
+    held.has_lasted = redraw.is_none() || redraw == Some(Redraw::Added) && had_lasted;
     let mut map = CascadeMap {
         aliasing: held.placed.aliasing(inputs, volume),
         redraw,

@@ -78,8 +78,8 @@ pub struct CascadeMap {
     /// How strongly the map is warped (1/meters; the reciprocal of the distance from the center of
     /// projection to the body); 0 if it is not.
     pub strength: f64,
-    /// Where casters can stand that matter to what receives shadows in the slice, for as long as the map is
-    /// held.
+    /// Where casters can stand that matter to what receives shadows in the slice, until more are added to the map or
+    /// it is drawn anew. What is added to holds those of earlier hulls too.
     pub hull: CasterHull,
     /// The same, in this frame.
     pub hull_now: CasterHull,

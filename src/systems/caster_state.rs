@@ -48,7 +48,7 @@ pub enum ShadowUpdates {
     Automatic,
     /// In every frame.
     Always,
-    /// When the map is drawn for another reason. For what changes and need not show it, as a vertex
+    /// When the map is drawn anew for another reason. For what changes and need not show it, as a vertex
     /// shader that does not move anything does.
     Never,
 }
@@ -82,12 +82,13 @@ pub struct CasterState {
 }
 
 impl CasterRecord {
-    /// Where it casts from, if it does; `Some(None)` for anywhere.
+    /// Where it casts from, if it does; `Some(None)` for anywhere. What the GPU culls is drawn into all of a map, also
+    /// where its casters do not matter yet.
     pub fn caster(&self) -> Option<Option<OrientedBox>> {
         match self {
             Self::Nothing => None,
             Self::Known(state) => state.casts.then(|| {
-                let (aabb, margin) = state.bounds.as_ref()?;
+                let (aabb, margin) = state.bounds.as_ref().filter(|_| !state.is_gpu_culled)?;
                 Some(world_bounds(aabb, &state.transform, *margin))
             }),
         }

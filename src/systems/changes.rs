@@ -45,6 +45,7 @@ pub struct ChangedCasters {
     moving: MovingCasters,
     /// Whether anything has changed of what meshes receive shadows with.
     have_receivers_changed: bool,
+    frame: u64,
     /// What has gone since then, and whether anything has.
     removed: Vec<CasterRecord>,
     has_receiver_gone: bool,
@@ -66,6 +67,11 @@ impl ChangedCasters {
 
     pub fn moving(&self) -> &MovingCasters {
         &self.moving
+    }
+
+    /// Counts how often changes were looked for: they are those since the last time.
+    pub fn frame(&self) -> u64 {
+        self.frame
     }
 
     /// Whether any mesh may receive shadows in another place than in the last frame.
@@ -111,6 +117,7 @@ pub fn find_changes(
     mut suspects: Local<Vec<Entity>>,
     (mut found_by, mut restless_by): (Local<Parallel<Found>>, Local<Parallel<Vec<Entity>>>),
 ) {
+    changed.frame += 1;
     let mut lights = lights.iter();
     if !lights.any(|(light, inherited)| shines(light, inherited)) {
         lost.clear();

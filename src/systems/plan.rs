@@ -53,6 +53,8 @@ pub struct ShadowPlans {
     layers: RenderLayers,
     /// The light had [`ShadowUpdates::Always`].
     was_restless: bool,
+    /// Up to when changes of casters have been heeded ([`ChangedCasters::frame`]).
+    heeded: u64,
 }
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
@@ -337,10 +339,18 @@ pub fn plan_shadows(
             history,
             layers: known_layers,
             was_restless,
+            heeded,
         } = &mut *it.plans;
         let is_restless = it.updates == Some(&ShadowUpdates::Always);
-        let is_quiet = !is_restless && !core::mem::replace(was_restless, is_restless);
-        let changes = if *known_layers == layers && is_quiet {
+        let was_restless = core::mem::replace(was_restless, is_restless);
+        // Lights may have been away, and Bevy's pass holds no maps.
+        let heeded_before = core::mem::replace(heeded, changed.frame());
+        let has_heeded = heeded_before + 1 == changed.frame() && support.draws_maps();
+        if !support.draws_maps() {
+            *heeded = 0;
+        }
+        let is_quiet = !is_restless && !was_restless;
+        let changes = if *known_layers == layers && is_quiet && has_heeded {
             changed.get()
         } else {
             &CasterChanges::Anywhere

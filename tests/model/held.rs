@@ -477,3 +477,51 @@ fn casters_that_have_changed_are_drawn_though_their_map_waits() {
     assert_eq!(drawn[..4], [1; 4]);
     assert_eq!(drawn[4..], [0; 8]);
 }
+
+/// What has come to rest is drawn over maps no more: those that it matters to now do not wait, though they do not hold it yet.
+#[test]
+fn what_comes_to_rest_is_added_at_once() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut in_several = 0;
+    for fit in [CascadeFit::Steady, CascadeFit::Stable] {
+        for step in 0..40 {
+            let mut walker = Walker::new(fit.clone());
+            walker.config.delay = 6;
+            walker.yaw = 0.1 * step as f32;
+            walker.plan(&nothing);
+            walker.plan(&nothing);
+            walker.yaw += 9.0_f32.to_radians();
+            // High up, so that it matters to several.
+            let aside = 0.4 + 0.1 * (step % 8) as f32;
+            let aside = Quat::from_rotation_y(walker.yaw + aside) * Vec3::NEG_Z;
+            let bounds = OrientedBox {
+                center: walker.eye + 40.0 * aside.as_dvec3(),
+                half_axes: DMat3::from_diagonal(DVec3::new(10.0, 30.0, 10.0)),
+            };
+            let at_once = CasterChanges::AtOnce(Some(vec![bounds]));
+            let plans = walker.plan(&at_once);
+            let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+            let matters = maps.filter(|map| map.hull_now.intersects_box(&bounds));
+            let drawn: Vec<_> = matters.map(|map| map.redraw).collect();
+            assert!(
+                drawn.iter().all(Option::is_some),
+                "{fit:?} {step}: {drawn:?}"
+            );
+            in_several += usize::from(drawn.len() > 1 && drawn.contains(&Some(Redraw::Added)));
+        }
+    }
+    assert!(in_several > 5, "{in_several}");
+}
+
+/// Maps that hold more than their hulls tell are not added to.
+#[test]
+fn without_culling_nothing_is_added() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Stable);
+    walker.config.comparison.culling = CasterCulling::Off;
+    for _ in 0..60 {
+        let why = reasons(&walker.plan(&nothing));
+        assert!(!why.contains(&Some(Redraw::Added)));
+        walker.yaw += 1.0_f32.to_radians();
+    }
+}

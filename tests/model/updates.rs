@@ -1,8 +1,11 @@
 //! What is drawn where casters move: they alone, over maps of those that rest.
 
 use bevy::{
-    camera::{primitives::Aabb, visibility::CascadesVisibleEntities},
-    ecs::entity::EntityHashSet,
+    camera::{
+        primitives::Aabb,
+        visibility::{CascadesVisibleEntities, NoCpuCulling},
+    },
+    ecs::{entity::EntityHashSet, entity_disabling::Disabled},
     math::{DMat3, DVec3},
     prelude::*,
 };
@@ -380,5 +383,77 @@ fn boxes_of_any_shape_are_culled_right() {
             casters.get(view, caster).is_some(),
             "{caster}: {endless}, {sheared}"
         );
+    }
+}
+
+/// While a light is away, casters come and go that its maps do not know of.
+#[test]
+fn lights_that_come_back_look_anew() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let [light, _other] = [(); 2].map(|()| sun(&mut app, ParallelSplitShadows::default()));
+    let boxes = boxes(&mut app);
+    for _ in 0..5 {
+        app.update();
+    }
+    app.world_mut().entity_mut(light).insert(Disabled);
+    app.update();
+    let place = Transform::from_xyz(0.5, 0.5, -12.5);
+    let copy = app.world_mut().entity_mut(boxes[0]).clone_and_spawn();
+    app.world_mut().entity_mut(copy).insert(place);
+    for _ in 0..5 {
+        app.update();
+    }
+    app.world_mut().entity_mut(light).remove::<Disabled>();
+    for _ in 0..2 {
+        app.update();
+        let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+        let mut lists = lists.entities[&view].iter();
+        assert!(lists.any(|list| list.entities.contains(&copy)));
+    }
+}
+
+/// What others drew into a light's maps while all were drawn in each frame is not left in them.
+#[test]
+fn lights_that_come_to_rest_are_drawn_once_more() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    boxes(&mut app);
+    app.world_mut()
+        .entity_mut(light)
+        .insert(ShadowUpdates::Always);
+    for _ in 0..5 {
+        assert!(is_any_drawn(&mut app, view, light));
+    }
+    app.world_mut().entity_mut(light).remove::<ShadowUpdates>();
+    assert!(is_any_drawn(&mut app, view, light));
+    assert!(!is_any_drawn(&mut app, view, light));
+}
+
+/// What the GPU culls is in a map wherever it stands, and may come to matter there.
+#[test]
+fn what_the_gpu_culls_changes_all_maps() {
+    let mut app = app();
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let boxes = boxes(&mut app);
+    // Behind the camera.
+    let at = |app: &App, caster: Entity| {
+        let at = app.world().get::<Transform>(caster).unwrap();
+        at.translation
+    };
+    let behind = boxes.iter().find(|it| at(&app, **it).z > 60.0);
+    let behind = *behind.expect("it stands among them");
+    app.update();
+    app.update();
+    for (is_gpu_culled, is_drawn) in [(false, false), (true, true)] {
+        if is_gpu_culled {
+            app.world_mut().entity_mut(behind).insert(NoCpuCulling);
+            app.update();
+        }
+        assert!(!is_any_drawn(&mut app, view, light));
+        lift(&mut app, &[behind], 0.1);
+        assert_eq!(is_any_drawn(&mut app, view, light), is_drawn);
     }
 }
