@@ -426,7 +426,9 @@ fn lights_that_come_to_rest_are_drawn_once_more() {
     for _ in 0..5 {
         assert!(is_any_drawn(&mut app, view, light));
     }
-    app.world_mut().entity_mut(light).remove::<ShadowUpdates>();
+    app.world_mut()
+        .entity_mut(light)
+        .insert(ShadowUpdates::Automatic);
     assert!(is_any_drawn(&mut app, view, light));
     assert!(!is_any_drawn(&mut app, view, light));
 }
