@@ -6,6 +6,7 @@ mod caster_state;
 mod casters;
 mod changes;
 mod cull;
+mod cut;
 mod diagnostics;
 mod gather;
 mod manage;
@@ -21,12 +22,13 @@ pub use caster_cascades::{CascadeSet, CasterCascades};
 pub use caster_state::ShadowUpdates;
 pub use changes::{ChangedCasters, find_changes};
 pub use cull::cull_casters;
+pub use cut::CameraCut;
 pub use diagnostics::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD};
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use memory::ShadowMemoryLimit;
 pub use mesh_boxes::MeshBoxes;
-pub use plan::{CameraCut, ShadowGridOrigin, ShadowPlans, plan_shadows};
+pub use plan::{ShadowGridOrigin, ShadowPlans, plan_shadows};
 pub(crate) use publish::empty_cascade;
 pub use share::{SharedViews, SharesShadowsWith};
 
@@ -132,7 +134,7 @@ pub(crate) fn build(app: &mut App) {
     )
     .add_observer(changes::note_removed)
     .add_observer(changes::note_disabled)
-    .add_observer(plan::forget_cut_view)
+    .add_observer(cut::forget_cut_view)
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)
     .add_observer(manage::restore_built_in);

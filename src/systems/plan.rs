@@ -12,8 +12,6 @@ use bevy::{
     ecs::{
         component::Component,
         entity::{Entity, EntityHashMap, EntityHashSet},
-        event::EntityEvent,
-        observer::On,
         query::{Has, QueryData, With},
         reflect::ReflectResource,
         resource::Resource,
@@ -57,23 +55,6 @@ pub struct ShadowPlans {
     heeded: u64,
 }
 
-/// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
-/// camera saw before. Turns by more than ten degrees, moves by more than half the first cascade's depth
-/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it.
-///
-/// ```
-/// # use bevy::prelude::*;
-/// # use bevy_pssm::prelude::*;
-/// fn cut(mut commands: Commands, camera: Single<Entity, With<Camera3d>>) {
-///     commands.trigger(CameraCut { entity: *camera });
-/// }
-/// ```
-#[derive(EntityEvent, Debug, Clone, Copy)]
-pub struct CameraCut {
-    /// The camera.
-    pub entity: Entity,
-}
-
 /// The point in world space on which texel grids are anchored (meters).
 ///
 /// A game with a floating origin, which moves its whole world by an offset now and then, adds the same
@@ -81,18 +62,6 @@ pub struct CameraCut {
 #[derive(Resource, Reflect, Debug, Default, Clone, Copy, PartialEq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ShadowGridOrigin(pub DVec3);
-
-/// Forgets what was held for a camera.
-pub(super) fn forget_cut_view(
-    cut: On<CameraCut>,
-    shared: Res<SharedViews>,
-    mut lights: Query<&mut ShadowPlans>,
-) {
-    let planned = shared.host_of(cut.entity).unwrap_or(cut.entity);
-    for mut plans in &mut lights {
-        plans.history.remove(&planned);
-    }
-}
 
 #[derive(QueryData)]
 pub struct PlannedCamera {
@@ -119,6 +88,13 @@ pub struct PlannedLight {
     updates: Option<&'static ShadowUpdates>,
     plans: &'static mut ShadowPlans,
     published: PublishedCascades,
+}
+
+impl ShadowPlans {
+    /// Forgets what was held for a camera.
+    pub(super) fn forget(&mut self, camera: Entity) {
+        self.history.remove(&camera);
+    }
 }
 
 /// What a camera is to a light's shadows.
