@@ -165,13 +165,7 @@ pub fn tight(
     kept: &mut [Kept<f64>; 2],
 ) -> MapBox {
     let size = map_size.as_dvec2();
-    let points_ls = points_ws
-        .iter()
-        .map(|point_ws| light.light_from_world(*point_ws));
-    let (lo_ls, hi_ls) = points_ls.fold(
-        (DVec3::INFINITY, DVec3::NEG_INFINITY),
-        |(lo, hi), point_ls| (lo.min(point_ls), hi.max(point_ls)),
-    );
+    let (lo_ls, hi_ls) = bounds_ls(points_ws.iter().copied(), light);
     let extent_ls = (hi_ls - lo_ls).max(DVec3::splat(MIN_EXTENT));
     let [across, up] = kept;
     let rounded_ls = DVec2::new(
@@ -182,6 +176,15 @@ pub fn tight(
     around((lo_ls + hi_ls) * 0.5, half_ls, size, reach, slack)
 }
 
+/// The least and the greatest coordinates in the light's frame of points in world space.
+fn bounds_ls(points_ws: impl Iterator<Item = DVec3>, light: &LightFrame) -> (DVec3, DVec3) {
+    let points_ls = points_ws.map(|point_ws| light.light_from_world(point_ws));
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    points_ls.fold(none, |(lo, hi), point_ls| {
+        (lo.min(point_ls), hi.max(point_ls))
+    })
+}
+
 /// Texels left for the slice once the guard is taken off; at least half the map.
 pub(super) fn usable(size: DVec2, guard: f64) -> DVec2 {
     (size - guard).max(0.5 * size)
@@ -190,12 +193,7 @@ pub(super) fn usable(size: DVec2, guard: f64) -> DVec2 {
 impl MapBox {
     /// The same box with its middle at that of some points in world space, as nearly as whole texels allow.
     pub fn about(&self, points_ws: impl Iterator<Item = DVec3>, light: &LightFrame) -> Self {
-        let (lo_ls, hi_ls) = points_ws
-            .map(|point_ws| light.light_from_world(point_ws))
-            .fold(
-                (DVec3::INFINITY, DVec3::NEG_INFINITY),
-                |(lo, hi), point_ls| (lo.min(point_ls), hi.max(point_ls)),
-            );
+        let (lo_ls, hi_ls) = bounds_ls(points_ws, light);
         let cell = self.texel.extend(self.texel.max_element());
         let by = 0.5 * (lo_ls + hi_ls) - self.center;
         Self {

@@ -15,7 +15,7 @@ use bevy::{
 use super::{
     hold::DrawnMaps,
     pass::DrawAdded,
-    second_view::{MapView, Over, SecondView, SecondViews},
+    second_view::{MapView, Over, SecondView, SecondViews, listed},
 };
 
 /// Views of what is added in a frame, by the maps' own.
@@ -50,10 +50,10 @@ pub(super) fn add_added_views(
         if casters.is_empty() {
             continue;
         }
-        let casters = casters.to_vec();
+        let list = listed(casters);
+        let casters = casters.iter().map(|(_, main)| *main).collect();
         let view = second.commands.spawn_empty().id();
-        second.draw(view, &it, Over::Added, &casters);
-        let casters = casters.into_iter().map(|(_, main)| main).collect();
+        second.draw(view, &it, Over::Added, list);
         views.0.insert(it.entity, AddedCasters { view, casters });
     }
 }

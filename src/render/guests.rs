@@ -19,7 +19,7 @@ use bevy::{
 
 use super::{
     ShadowTarget,
-    pass::{DrawMovingCasters, DrawShadowMap},
+    pass::{DrawSecondView, DrawShadowMap},
 };
 
 /// The component by which maps are found in `Core3d`.
@@ -53,7 +53,7 @@ pub(super) fn warn_of_guests(
     *is_done = true;
     // Both are the same but for what others have added.
     let count = |schedule: Option<&Schedule>| schedule.map(Schedule::systems_len);
-    if count(schedules.get(DrawShadowMap)) != count(schedules.get(DrawMovingCasters)) {
+    if count(schedules.get(DrawShadowMap)) != count(schedules.get(DrawSecondView)) {
         return;
     }
     let of_bevy = [

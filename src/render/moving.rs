@@ -25,8 +25,8 @@ use bevy::{
 use super::{
     hold::DrawnMaps,
     layout::AdoptedMap,
-    pass::{DrawAddedCasters, DrawMovingCasters, DrawShadowMap},
-    second_view::{MapView, Over, SecondView, SecondViews},
+    pass::{DrawSecondView, DrawShadowMap},
+    second_view::{MapView, Over, SecondView, SecondViews, listed},
     target::ShadowTarget,
 };
 
@@ -75,20 +75,20 @@ pub(super) fn add_moving_views(
         if casters.is_empty() && before.is_none() {
             continue;
         }
-        let casters = casters.to_vec();
+        let (count, list) = (casters.len(), listed(casters));
         let mut map = before.unwrap_or_else(|| MovingMap {
             view: second.commands.spawn_empty().id(),
             casters: 0,
             idle: 0,
             shows_any: false,
         });
-        map.casters = casters.len();
-        map.idle = if casters.is_empty() { map.idle + 1 } else { 0 };
+        map.casters = count;
+        map.idle = if count == 0 { map.idle + 1 } else { 0 };
         if map.idle > PATIENCE {
             second.commands.entity(map.view).despawn();
             continue;
         }
-        second.draw(map.view, &it, Over::Moving, &casters);
+        second.draw(map.view, &it, Over::Moving, list);
         views.0.insert(it.entity, map);
     }
     for map in known.values() {
@@ -127,7 +127,7 @@ pub(super) fn choose_moving_views(
         if is_held && !shows_any && !map.shows_any {
             view.remove::<(RootNonCameraView, ExtractedView)>();
         } else if is_held {
-            view.insert(RootNonCameraView(DrawMovingCasters.intern()));
+            view.insert(RootNonCameraView(DrawSecondView.intern()));
         } else {
             // It is drawn after what rests is.
             view.remove::<RootNonCameraView>();
@@ -146,7 +146,7 @@ pub(super) fn draw_both(world: &mut World) {
 
 /// Draws what is added to what rests, and then what moves over a copy of all that.
 pub(super) fn draw_added(world: &mut World) {
-    world.run_schedule(DrawAddedCasters);
+    world.run_schedule(DrawSecondView);
     let view = world.get_resource::<CurrentView>().copied();
     if let Some(second) = view.and_then(|view| world.get::<SecondView>(view.0).copied()) {
         draw_moving(world, second.of);
@@ -162,6 +162,6 @@ fn draw_moving(world: &mut World, own: Entity) {
         return;
     };
     world.insert_resource(CurrentView(moving.view));
-    world.run_schedule(DrawMovingCasters);
+    world.run_schedule(DrawSecondView);
     world.insert_resource(current);
 }

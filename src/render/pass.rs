@@ -32,7 +32,7 @@ use super::{
     hold::DrawnMaps,
     layout::AdoptedMap,
     moving::{draw_added, draw_both},
-    second_view::SecondView,
+    second_view::{Over, SecondView},
     target::ShadowTarget,
 };
 
@@ -48,13 +48,9 @@ pub const MOVING_PASS_SPAN: &str = "pssm_moving_casters";
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub struct DrawShadowMap;
 
-/// The schedule that draws what moves over a copy of what rests in such a map.
+/// The schedule that draws what a second view has over such a map.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct DrawMovingCasters;
-
-/// The schedule that draws casters over what such a map holds.
-#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct DrawAddedCasters;
+pub(super) struct DrawSecondView;
 
 /// The schedule of a map that casters are added to: those, and what moves in it.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
@@ -64,7 +60,7 @@ pub(super) struct DrawAdded;
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct DrawBoth;
 
-pub(super) fn schedules() -> [Schedule; 5] {
+pub(super) fn schedules() -> [Schedule; 4] {
     let mut both = Schedule::new(DrawBoth);
     both.add_systems(draw_both);
     let mut added = Schedule::new(DrawAdded);
@@ -74,8 +70,7 @@ pub(super) fn schedules() -> [Schedule; 5] {
             DrawShadowMap,
             shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
         ),
-        map_schedule(DrawMovingCasters, moving_casters_pass),
-        map_schedule(DrawAddedCasters, added_casters_pass),
+        map_schedule(DrawSecondView, second_view_pass),
         both,
         added,
     ]
@@ -134,8 +129,8 @@ pub fn shadow_map_pass(
     draw(&mut ctx, world, entity, map, phase, layer, load, span);
 }
 
-/// Draws what moves over a copy of what rests.
-fn moving_casters_pass(
+/// Draws what is added to what a map holds over that, or what moves over a copy of it.
+fn second_view_pass(
     world: &World,
     view: ViewQuery<(Entity, &SecondView, &ExtractedView)>,
     maps: Query<&AdoptedMap>,
@@ -144,47 +139,27 @@ fn moving_casters_pass(
     target: Res<ShadowTarget>,
     mut ctx: RenderContext,
 ) {
-    let (entity, moving, extracted_view) = view.into_inner();
-    let Ok(map) = maps.get(moving.of) else {
+    let (entity, second, extracted_view) = view.into_inner();
+    let Ok(map) = maps.get(second.of) else {
         return;
     };
-    let (Some(phase), Some(layer)) = (
-        phases.get(&extracted_view.retained_view_entity),
-        target.layer(map.layer),
-    ) else {
+    let (layer, span) = match second.over {
+        Over::Moving => (target.layer(map.layer), MOVING_PASS_SPAN),
+        Over::Added => (target.resting(map.layer), SHADOW_PASS_SPAN),
+    };
+    let (Some(phase), Some(layer)) = (phases.get(&extracted_view.retained_view_entity), layer)
+    else {
         return;
     };
     // Where nothing rests, nothing has been drawn.
-    let load = if drawn.is_empty(moving.of) {
+    let load = if drawn.is_empty(second.of) {
         LoadOp::Clear(0.0)
     } else {
-        target.copy_from_apart(ctx.command_encoder(), map.layer);
+        if second.over == Over::Moving {
+            target.copy_from_apart(ctx.command_encoder(), map.layer);
+        }
         LoadOp::Load
     };
-    let span = MOVING_PASS_SPAN;
-    draw(&mut ctx, world, entity, map, phase, layer, load, span);
-}
-
-/// Draws what is added to what a map holds, over that.
-fn added_casters_pass(
-    world: &World,
-    view: ViewQuery<(Entity, &SecondView, &ExtractedView)>,
-    maps: Query<&AdoptedMap>,
-    phases: Res<ViewBinnedRenderPhases<Shadow>>,
-    target: Res<ShadowTarget>,
-    mut ctx: RenderContext,
-) {
-    let (entity, added, extracted_view) = view.into_inner();
-    let Ok(map) = maps.get(added.of) else {
-        return;
-    };
-    let (Some(phase), Some(layer)) = (
-        phases.get(&extracted_view.retained_view_entity),
-        target.resting(map.layer),
-    ) else {
-        return;
-    };
-    let (load, span) = (LoadOp::Load, SHADOW_PASS_SPAN);
     draw(&mut ctx, world, entity, map, phase, layer, load, span);
 }
 

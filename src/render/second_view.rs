@@ -32,6 +32,7 @@ use crate::config::MAX_CASCADES;
 pub(super) struct SecondView {
     /// The map's own view.
     pub of: Entity,
+    pub over: Over,
 }
 
 /// What a second view draws.
@@ -102,13 +103,13 @@ impl SecondViews<'_, '_> {
         Some(by_camera.get(&camera)?.get(cascade_index)?)
     }
 
-    /// Makes `view` draw them.
+    /// Makes `view` draw some casters.
     pub fn draw(
         &mut self,
         view: Entity,
         map: &MapViewItem,
         over: Over,
-        casters: &[(Entity, MainEntity)],
+        casters: RenderVisibleEntities,
     ) {
         let LightEntity::Directional {
             light_entity,
@@ -127,7 +128,10 @@ impl SecondViews<'_, '_> {
         };
         let mut view = self.commands.entity(view);
         view.insert((
-            SecondView { of: map.entity },
+            SecondView {
+                of: map.entity,
+                over,
+            },
             ExtractedView {
                 retained_view_entity: retained,
                 ..copy_of(map.extracted)
@@ -152,7 +156,7 @@ impl SecondViews<'_, '_> {
             .prepare_for_new_frame(retained, self.support.min(most));
         lists
             .subviews
-            .insert(retained, (self.tick.this_run(), listed(casters)));
+            .insert(retained, (self.tick.this_run(), casters));
     }
 }
 
@@ -169,7 +173,8 @@ fn copy_of(view: &ExtractedView) -> ExtractedView {
     }
 }
 
-fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities {
+/// Casters as Bevy lists them for a view that is new.
+pub(super) fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities {
     let class = RenderVisibleEntitiesClass {
         added_entities: casters.to_vec(),
         entities_cpu_culling: casters.to_vec(),

@@ -204,76 +204,69 @@ pub fn plan_shadows(
         SharedViews::default()
     };
     views.clear();
-    views.extend(
-        active()
-            .filter(|it| shared.host_of(it.entity).is_none())
-            .map(|it| {
-                let layers = layers_of(it.layers);
-                let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
-                let guests: Vec<_> = guests.collect();
-                let meeting = || shining(&lights, &layers);
-                let far = meeting()
-                    .map(|config| f64::from(config.far))
-                    .fold(0.0, f64::max);
-                let own_volume = || view_volume(it.transform, it.projection, it.camera);
-                let view = match shared.volume_of(it.entity).or_else(own_volume) {
-                    _ if meeting().next().is_none() => View::Unlit,
-                    None => View::Degenerate,
-                    Some(volume) => {
-                        let all = || guests.iter().chain([&it]);
-                        let heights = all().filter_map(|it| it.camera.physical_viewport_size());
-                        let height = heights.map(|size| size.y).max().unwrap_or(1);
-                        let is_focused = meeting()
-                            .any(|config| config.comparison.focus == ShadowFocus::Receivers);
-                        let visible = || {
-                            let meshes =
-                                all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
-                            meshes.copied().chain(&unculled).filter(|_| is_focused)
-                        };
-                        let is_same = gathered.get(&it.entity).is_some_and(|last| {
-                            let is_known = last.is_settled && parts.are_settled();
-                            let is_there = last.volume == volume && last.far == far;
-                            is_known && is_there && visible().eq(last.visible.iter().copied())
-                        });
-                        let rests = is_same && !changed.have_receivers_changed();
-                        if !rests {
-                            let visible: Vec<Entity> = visible().collect();
-                            let receivers = if is_focused {
-                                // Of what several cameras see, each once.
-                                let mut once = Vec::new();
-                                if !guests.is_empty() {
-                                    once.clone_from(&visible);
-                                    once.sort_unstable();
-                                    once.dedup();
-                                }
-                                let once = if guests.is_empty() { &visible } else { &once };
-                                let assets = assets.as_deref();
-                                receivers(
-                                    &volume, far, &meshes, once, assets, &mut parts, &displaced,
-                                )
-                            } else {
-                                Receivers::everywhere(&volume)
-                            };
-                            let gathered_now = Gathered {
-                                volume,
-                                far,
-                                visible,
-                                receivers,
-                                is_settled: parts.take_is_settled(),
-                            };
-                            gathered.insert(it.entity, gathered_now);
-                        }
-                        View::Seen(Seen {
-                            volume,
-                            has_fog: all().any(|it| it.has_fog),
-                            image_height: f64::from(height.max(1)),
-                            rests,
-                        })
-                    }
+    for it in active().filter(|it| shared.host_of(it.entity).is_none()) {
+        let layers = layers_of(it.layers);
+        let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
+        let guests: Vec<_> = guests.collect();
+        let meeting = || shining(&lights, &layers);
+        let far = meeting()
+            .map(|config| f64::from(config.far))
+            .fold(0.0, f64::max);
+        let own_volume = || view_volume(it.transform, it.projection, it.camera);
+        let view = match shared.volume_of(it.entity).or_else(own_volume) {
+            _ if meeting().next().is_none() => View::Unlit,
+            None => View::Degenerate,
+            Some(volume) => {
+                let all = || guests.iter().chain([&it]);
+                let heights = all().filter_map(|it| it.camera.physical_viewport_size());
+                let height = heights.map(|size| size.y).max().unwrap_or(1);
+                let is_focused =
+                    meeting().any(|config| config.comparison.focus == ShadowFocus::Receivers);
+                let visible = || {
+                    let meshes = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
+                    meshes.copied().chain(&unculled).filter(|_| is_focused)
                 };
-                (it.entity, layers, view)
-            }),
-    );
+                let is_same = gathered.get(&it.entity).is_some_and(|last| {
+                    let is_known = last.is_settled && parts.are_settled();
+                    let is_there = last.volume == volume && last.far == far;
+                    is_known && is_there && visible().eq(last.visible.iter().copied())
+                });
+                let rests = is_same && !changed.have_receivers_changed();
+                if !rests {
+                    let visible: Vec<Entity> = visible().collect();
+                    let receivers = if is_focused {
+                        // Of what several cameras see, each once.
+                        let mut once = Vec::new();
+                        if !guests.is_empty() {
+                            once.clone_from(&visible);
+                            once.sort_unstable();
+                            once.dedup();
+                        }
+                        let once = if guests.is_empty() { &visible } else { &once };
+                        let assets = assets.as_deref();
+                        receivers(&volume, far, &meshes, once, assets, &mut parts, &displaced)
+                    } else {
+                        Receivers::everywhere(&volume)
+                    };
+                    let gathered_now = Gathered {
+                        volume,
+                        far,
+                        visible,
+                        receivers,
+                        is_settled: parts.take_is_settled(),
+                    };
+                    gathered.insert(it.entity, gathered_now);
+                }
+                View::Seen(Seen {
+                    volume,
+                    has_fog: all().any(|it| it.has_fog),
+                    image_height: f64::from(height.max(1)),
+                    rests,
+                })
+            }
+        };
+        views.push((it.entity, layers, view));
+    }
 
     // What changes while nothing is gathered is not known afterwards.
     gathered.retain(|view, _| {
@@ -320,11 +313,12 @@ pub fn plan_shadows(
         let is_restless = it.updates == Some(&ShadowUpdates::Always);
         let was_restless = core::mem::replace(was_restless, is_restless);
         // Lights may have been away, and Bevy's pass holds no maps.
-        let heeded_before = core::mem::replace(heeded, changed.frame());
-        let has_heeded = heeded_before + 1 == changed.frame() && support.draws_maps();
-        if !support.draws_maps() {
-            *heeded = 0;
-        }
+        let has_heeded = *heeded + 1 == changed.frame();
+        *heeded = if support.draws_maps() {
+            changed.frame()
+        } else {
+            0
+        };
         let is_quiet = !is_restless && !was_restless;
         let changes = if *known_layers == layers && is_quiet && has_heeded {
             changed.get()
