@@ -1,15 +1,15 @@
 //! Which casters can matter to a body: the body swept towards the light.
 
-use glam::{DVec3, Vec3A};
+use glam::DVec3;
 
 use super::{body::ConvexBody, half_space::HalfSpace, oriented_box::OrientedBox};
 
 /// A sphere on its way to the light, from where it stands: what is far from all of that throws no shadow into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sweep {
-    center: DVec3,
-    radius: f64,
-    to_light: DVec3,
+    pub(super) center: DVec3,
+    pub(super) radius: f64,
+    pub(super) to_light: DVec3,
 }
 
 impl Sweep {
@@ -37,43 +37,6 @@ impl Sweep {
         let along = at_least_0(offset.dot(self.to_light));
         let reach = at_least_0(self.radius + radius);
         offset.length_squared() * (1.0 - ROUNDING) - along * along > reach * reach
-    }
-}
-
-/// A sweep in `f32`, for very many spheres: grown by whatever rounding might do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CoarseSweep {
-    center: Vec3A,
-    radius: f32,
-    to_light: Vec3A,
-    rounding: f32,
-}
-
-/// What a few roundings to `f32` come to at most, as a share.
-const F32_ROUNDING: f32 = 1e-6;
-
-impl Sweep {
-    /// The same in `f32`.
-    pub fn coarse(&self) -> CoarseSweep {
-        let center = self.center.as_vec3a();
-        CoarseSweep {
-            center,
-            radius: self.radius as f32 * (1.0 + F32_ROUNDING),
-            to_light: self.to_light.as_vec3a(),
-            rounding: F32_ROUNDING * center.abs().max_element(),
-        }
-    }
-}
-
-impl CoarseSweep {
-    /// Whether a sphere is certainly far from the sweep ([`Sweep::is_far`]): one whose center is the sum of
-    /// numbers up to `magnitude`. Not if any is no number.
-    #[inline]
-    pub fn is_far(&self, center: Vec3A, radius: f32, magnitude: f32) -> bool {
-        let offset = center - self.center;
-        let along = offset.dot(self.to_light).max(0.0);
-        let reach = self.radius + radius + self.rounding + F32_ROUNDING * magnitude;
-        offset.length_squared() * (1.0 - 4.0 * F32_ROUNDING) - along * along > reach * reach
     }
 }
 

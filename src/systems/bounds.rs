@@ -12,7 +12,7 @@ use bevy::{
         resource::Resource,
         system::Res,
     },
-    math::{Affine3A, DMat3, DVec3, Vec3A},
+    math::{Affine3A, DMat3},
     mesh::Mesh3d,
     platform::sync::Arc,
     reflect::{Reflect, std_traits::ReflectDefault},
@@ -81,35 +81,6 @@ impl Margin {
             _ => Self::None,
         }
     }
-}
-
-/// The center and the radius of a sphere around what [`world_bounds`] gives (meters).
-pub(super) fn bounding_sphere(
-    aabb: &Aabb,
-    world_from_local: &Affine3A,
-    margin: Margin,
-) -> (DVec3, f64) {
-    let bounds = world_bounds(aabb, world_from_local, Margin::None);
-    let diagonal = bounds.radius();
-    // Boxes along the world's axes, with margins around them, are longer than their content.
-    let radius = match margin {
-        Margin::None => diagonal,
-        Margin::Meters(meters) => 2.0 * (diagonal + meters),
-        Margin::OwnSize => 4.0 * diagonal,
-    };
-    (bounds.center, radius)
-}
-
-/// The same in `f32`, of what has no margin: center, radius, and the greatest of the numbers whose sum the center is.
-#[inline]
-pub(super) fn coarse_sphere(aabb: &Aabb, world_from_local: &Affine3A) -> (Vec3A, f32, f32) {
-    let axes = &world_from_local.matrix3;
-    let size = axes.abs();
-    let magnitude = size * aabb.center.abs() + world_from_local.translation.abs();
-    // Of the box along the world's axes.
-    let radius = (size * aabb.half_extents).length();
-    let center = axes * aabb.center + world_from_local.translation;
-    (center, radius, magnitude.max_element())
 }
 
 /// A local box in world space, with a margin around it.

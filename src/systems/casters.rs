@@ -1,5 +1,7 @@
 //! Which casters the maps of a plan hold.
 
+use core::ops::Range;
+
 use bevy::{
     camera::{
         primitives::Aabb,
@@ -21,10 +23,13 @@ use bevy::{
 
 use super::{
     CascadeSet,
-    bounds::{BoundsMargin, Margin, bounding_sphere, coarse_sphere, world_bounds},
+    bounds::{BoundsMargin, Margin, world_bounds},
 };
 use crate::{
-    geometry::hull::{CasterHull, CoarseSweep, Sweep},
+    geometry::{
+        coarse::{CoarseHull, CoarseSphere, CoarseSweep, FourSpheres},
+        hull::{CasterHull, Sweep},
+    },
     plan::{CascadeMap, CascadePlan},
 };
 
@@ -83,46 +88,77 @@ impl Culling<'_> {
         sweeps
     }
 
-    /// Whether a caster is not far from all of the sweeps: most are.
-    fn is_near(&self, caster: &CasterItem, sweeps: &[Sweep]) -> bool {
-        let (Some(aabb), Some(transform)) = (caster.aabb, caster.transform) else {
-            return true;
+    /// The hulls of some of the cascades' maps.
+    fn hulls(&self, among: CascadeSet) -> Vec<(usize, CoarseHull)> {
+        let hull = |index: usize| {
+            let map = self.plan[index].map.as_ref()?;
+            Some((index, CoarseHull::new(&map.hull)))
         };
-        if !self.is_on || caster.is_unculled {
-            return true;
-        }
-        let margin = Margin::of(caster.entity, caster.margin, self.displaced);
-        let (center_ws, radius) = bounding_sphere(aabb, &transform.affine(), margin);
-        sweeps.iter().any(|sweep| !sweep.is_far(center_ws, radius))
+        among.iter().filter_map(hull).collect()
     }
 
-    /// As [`Self::is_near`], sooner. `None` if that has to tell.
-    #[inline]
-    fn is_coarsely_near(
+    /// By how much more than its radius a mesh may reach out of a sphere around its box.
+    fn growth(&self) -> f32 {
+        // Any of them may be moved.
+        if self.displaced.is_empty() { 1.0 } else { 4.0 }
+    }
+
+    /// The boxes of a table's meshes, if spheres around them tell where those are not.
+    fn boxes<'t>(
+        &self,
+        table: &'t CasterContiguousItem,
+    ) -> Option<(&'t [Aabb], &'t [GlobalTransform])> {
+        let is_culled = self.is_on && !table.is_unculled && table.margin.is_none();
+        Some((table.aabb?, table.transform?)).filter(|_| is_culled)
+    }
+
+    /// Visits the rows whose casters, by their places, may matter to some of the cascades.
+    fn visit_near(
         &self,
         table: &CasterContiguousItem,
-        row: usize,
-        sweeps: &[CoarseSweep],
-    ) -> Option<bool> {
-        let (Some(aabbs), Some(transforms), None) = (table.aabb, table.transform, table.margin)
-        else {
-            return None;
+        rows: Range<usize>,
+        among: CascadeSet,
+        (sweeps, hulls): (&[CoarseSweep], &[(usize, CoarseHull)]),
+        mut visit: impl FnMut(usize, CascadeSet),
+    ) {
+        let Some((aabbs, transforms)) = self.boxes(table) else {
+            rows.for_each(|row| visit(row, among));
+            return;
         };
-        if !self.is_on || table.is_unculled {
-            return Some(true);
+        let (growth, end) = (self.growth(), rows.end);
+        for first in rows.step_by(4) {
+            // The last one stands for those that are missing.
+            let [a, b, c, d] = [first, first + 1, first + 2, first + 3].map(|row| row.min(end - 1));
+            let affine = |row: usize| transforms[row].affine();
+            let spheres = FourSpheres::new(
+                [&affine(a), &affine(b), &affine(c), &affine(d)],
+                [a, b, c, d].map(|row| aabbs[row].center),
+                [a, b, c, d].map(|row| aabbs[row].half_extents),
+            );
+            let spheres = spheres.scaled(growth);
+            let far = sweeps
+                .iter()
+                .fold(!0, |far, sweep| far & sweep.are_far(&spheres));
+            let near = (first..end.min(first + 4)).filter(|row| far & (1 << (row - first)) == 0);
+            for row in near {
+                let Aabb {
+                    center,
+                    half_extents,
+                } = aabbs[row];
+                let sphere = CoarseSphere::new(&affine(row), center, half_extents).scaled(growth);
+                if sweeps.iter().all(|sweep| sweep.is_far(&sphere)) {
+                    continue;
+                }
+                let near = hulls.iter().filter(|(_, hull)| !hull.is_outside(&sphere));
+                let near = CascadeSet::of(near.map(|(index, _)| *index));
+                if !near.is_empty() {
+                    visit(row, near);
+                }
+            }
         }
-        let (center, radius, magnitude) = coarse_sphere(&aabbs[row], &transforms[row].affine());
-        // Any of them may reach out of its box.
-        let radius = if self.displaced.is_empty() {
-            radius
-        } else {
-            4.0 * radius
-        };
-        let is_far = |sweep: &CoarseSweep| sweep.is_far(center, radius, magnitude);
-        Some(!sweeps.iter().all(is_far))
     }
 
-    /// Those of the cascades that a caster matters to, by one of the hulls of their maps.
+    /// Those of some cascades that a caster matters to, by one of the hulls of their maps.
     pub fn cascades(
         &self,
         caster: &CasterItem,
@@ -144,15 +180,11 @@ impl Culling<'_> {
                 let margin = Margin::of(caster.entity, caster.margin, self.displaced);
                 let affine = transform.affine();
                 let bounds = world_bounds(aabb, &affine, margin);
-                let (center_ws, radius) = (bounds.center, bounds.radius());
-                let is_near = |map: &CascadeMap| hull(map).intersects_sphere(center_ws, radius);
-                let near = among.and(maps_where(self.plan, is_near));
-                if near.is_empty() {
-                    return near;
-                }
-                near.and(maps_where(self.plan, |map| {
-                    hull(map).intersects_box(&bounds)
-                }))
+                let is_met = |index: &usize| {
+                    let map = self.plan[*index].map.as_ref();
+                    map.is_some_and(|map| hull(map).intersects_box(&bounds))
+                };
+                CascadeSet::of(among.iter().filter(is_met))
             }
             // Without bounds it matters to all.
             _ => among,
@@ -169,16 +201,17 @@ pub(super) fn cull(
     culling: &Culling,
     among: CascadeSet,
 ) -> Vec<(Entity, CascadeSet)> {
-    let found = |caster: &CasterItem| {
+    let found = |caster: &CasterItem, among: CascadeSet| {
         let cascades = culling.cascades(caster, among, |map| &map.hull);
         (!cascades.is_empty()).then_some((caster.entity, cascades))
     };
     let Ok(tables) = casters.contiguous_iter() else {
         // Never with components as Bevy stores them.
-        return casters.iter().filter_map(|it| found(&it)).collect();
+        return casters.iter().filter_map(|it| found(&it, among)).collect();
     };
     let sweeps = culling.sweeps(among);
-    let coarse: Vec<_> = sweeps.iter().map(Sweep::coarse).collect();
+    let coarse: Vec<_> = sweeps.iter().map(CoarseSweep::new).collect();
+    let hulls = culling.hulls(among);
     let tables: Vec<_> = tables.collect();
     // Many a table has few rows.
     let (mut batches, mut batch, mut rows) = (Vec::new(), Vec::new(), 0);
@@ -197,17 +230,13 @@ pub(super) fn cull(
     let pool = ComputeTaskPool::get_or_init(TaskPool::default);
     let all = pool.scope(|scope| {
         for batch in batches {
-            let (found, sweeps, coarse) = (&found, &sweeps, &coarse);
+            let (found, coarse) = (&found, (&*coarse, &*hulls));
             scope.spawn(async move {
                 let mut all = Vec::new();
                 for (table, rows) in batch {
-                    let near = rows.filter(|row| {
-                        let is_near = || culling.is_near(&table.row(*row), sweeps);
-                        let coarsely = culling.is_coarsely_near(table, *row, coarse);
-                        coarsely.unwrap_or_else(is_near)
+                    culling.visit_near(table, rows, among, coarse, |row, near| {
+                        all.extend(found(&table.row(row), near));
                     });
-                    let near = near.map(|row| table.row(row));
-                    all.extend(near.filter_map(|caster| found(&caster)));
                 }
                 all
             });

@@ -55,8 +55,7 @@ pub struct ChangedCasters {
     late: Vec<Entity>,
     /// Whether meshes may have changed since their records were made.
     are_records_old: bool,
-    /// Some of the meshes, whose records are of the last frame then.
-    sample: Vec<Entity>,
+    sample: Sample,
 }
 
 impl ChangedCasters {
@@ -102,8 +101,38 @@ impl ChangedCasters {
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
-/// While records are old, so many of the meshes that may have changed tell whether too many still do.
-const SAMPLE: usize = 128;
+/// Some of the meshes that may have changed, while records are old: theirs are of the last frame, and tell whether too
+/// many still change.
+#[derive(Debug, Default)]
+struct Sample {
+    meshes: Vec<Entity>,
+    /// One of so many.
+    share: usize,
+    /// Frames for which it has told.
+    age: u32,
+}
+
+impl Sample {
+    /// Meshes of a sample.
+    const SIZE: usize = 128;
+
+    /// Frames for which it is believed: others may change by then.
+    const LIFE: u32 = 16;
+
+    fn new(meshes: &[Entity]) -> Self {
+        let share = meshes.len().div_ceil(Self::SIZE).max(1);
+        Self {
+            meshes: meshes.iter().copied().step_by(share).collect(),
+            share,
+            age: 0,
+        }
+    }
+
+    /// Whether more than so many meshes change by what is found of these.
+    fn is_flood(&self, found: &Found) -> bool {
+        found.is_flood(MOST / self.share.max(1))
+    }
+}
 
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(
@@ -128,16 +157,6 @@ pub fn find_changes(
     }
     let changed = &mut *changed;
     let displaced = surroundings.displaced.get();
-    suspects.clear();
-    suspects.append(&mut changed.late);
-    if let Ok(tables) = meshes.contiguous_iter() {
-        tables.for_each(|table| table.suspects(&mut suspects));
-    } else {
-        // Never with components as Bevy stores them.
-        suspects.extend(meshes.iter().map(|it| it.entity));
-    }
-    suspects.extend(lost.read());
-    suspects.extend(displaced.iter());
     let mut found = Found {
         has_receiver: core::mem::take(&mut changed.has_receiver_gone),
         ..Found::default()
@@ -157,21 +176,40 @@ pub fn find_changes(
         changed.late.push(entity);
     }
 
-    if changed.are_records_old {
-        let step = suspects.len().div_ceil(SAMPLE).max(1);
+    let is_known = !changed.sample.meshes.is_empty();
+    let mut is_flood = changed.are_records_old;
+    if changed.are_records_old && is_known {
         let mut of_sample = Found::default();
-        let mut sample = meshes.iter_many_mut(&changed.sample);
+        let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
         while let Some(it) = sample.fetch_next() {
             if let Ok(mut it) = it {
                 of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
             }
         }
-        let is_known = !changed.sample.is_empty();
+        is_flood = changed.sample.is_flood(&of_sample);
+        changed.sample.age += 1;
+        if is_flood && changed.sample.age < Sample::LIFE {
+            lost.clear();
+            changed.forget();
+            return;
+        }
+    }
+    suspects.clear();
+    suspects.append(&mut changed.late);
+    if let Ok(tables) = meshes.contiguous_iter() {
+        tables.for_each(|table| table.suspects(&mut suspects));
+    } else {
+        // Never with components as Bevy stores them.
+        suspects.extend(meshes.iter().map(|it| it.entity));
+    }
+    suspects.extend(lost.read());
+    suspects.extend(displaced.iter());
+    if changed.are_records_old {
         changed.forget();
-        changed.sample.clear();
-        if suspects.len() > MOST && (!is_known || of_sample.is_flood(MOST / step)) {
-            changed.sample.extend(suspects.iter().step_by(step));
-            let mut sample = meshes.iter_many_mut(&changed.sample);
+        changed.sample = Sample::default();
+        if is_flood && suspects.len() > MOST {
+            changed.sample = Sample::new(&suspects);
+            let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
             while let Some(it) = sample.fetch_next() {
                 if let Ok(mut it) = it {
                     it.note(&surroundings, &displaced);

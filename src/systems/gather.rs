@@ -20,7 +20,7 @@ use bevy::{
 
 use super::{
     MeshBoxes,
-    bounds::{BoundsMargin, Margin, coarse_sphere, world_bounds},
+    bounds::{BoundsMargin, Margin, world_bounds},
 };
 use crate::geometry::{oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume};
 
@@ -105,11 +105,17 @@ impl Range {
     #[inline]
     fn ends_before(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
         const ROUNDING: f32 = 1e-6;
-        let (center, radius, magnitude) = coarse_sphere(aabb, world_from_local);
-        let depth = self.per_meter.dot(center - self.eye);
-        let rounding = ROUNDING * (magnitude + self.eye.abs().max_element() + self.far.abs());
-        let reach = (4.0 * radius + 4.0 * rounding) * self.per_meter.length();
-        depth - reach > self.far * (1.0 + ROUNDING)
+        let (axes, origin) = (&world_from_local.matrix3, world_from_local.translation);
+        let magnitude = (origin.abs() + self.eye.abs()).max_element() + self.far.abs();
+        let rounding = 4.0 * ROUNDING * magnitude * self.per_meter.length();
+        let beyond = self.per_meter.dot(origin - self.eye) - self.far - rounding;
+        // Of four times a sphere around the box, about the mesh's origin.
+        let stretch_2 = axes.x_axis.length_squared()
+            + axes.y_axis.length_squared()
+            + axes.z_axis.length_squared();
+        let extent_2 = aabb.center.length_squared() + aabb.half_extents.length_squared();
+        let reach_2 = 32.0 * stretch_2 * extent_2 * self.per_meter.length_squared();
+        beyond > 0.0 && beyond * beyond > reach_2 * (1.0 + ROUNDING)
     }
 }
 

@@ -1,8 +1,12 @@
 //! The caster hull: never loses what can throw a shadow into the slice.
 
-use bevy::math::{DMat3, DVec3, Quat, Vec3, Vec3A};
+use bevy::math::{Affine3A, DMat3, DVec3, Mat3A, Quat, Vec3, Vec3A};
 use bevy_pssm::geometry::{
-    body::ConvexBody, hull::CasterHull, oriented_box::OrientedBox, slice::Slice,
+    body::ConvexBody,
+    coarse::{CoarseHull, CoarseSphere, CoarseSweep, FourSpheres},
+    hull::CasterHull,
+    oriented_box::OrientedBox,
+    slice::Slice,
 };
 use proptest::prelude::*;
 
@@ -102,8 +106,12 @@ proptest! {
         let [x, y, z] = at.as_vec3().to_array();
         let magnitude = at.abs().max_element() as f32;
         let is_far = |growth: f32| {
-            let radius = radius as f32 * growth;
-            sweep.coarse().is_far(Vec3A::new(x, y, z), radius, magnitude)
+            let sphere = CoarseSphere {
+                center: Vec3A::new(x, y, z),
+                radius: radius as f32 * growth,
+                magnitude,
+            };
+            CoarseSweep::new(&sweep).is_far(&sphere)
         };
         if is_far(1.0 + f32::EPSILON) {
             prop_assert!(sweep.is_far(at, radius), "far in f32 only");
@@ -119,14 +127,74 @@ proptest! {
 #[test]
 fn what_is_no_number_is_far_from_nothing_in_f32() {
     let body = ConvexBody::of_box(-DVec3::ONE, DVec3::ONE);
-    let sweep = CasterHull::new(&body, DVec3::Y, 0.0).sweep.coarse();
+    let hull = CasterHull::new(&body, DVec3::Y, 0.0);
+    let is_far = |hull: &CasterHull, center, radius, magnitude| {
+        let sphere = CoarseSphere {
+            center,
+            radius,
+            magnitude,
+        };
+        let is_far = CoarseSweep::new(&hull.sweep).is_far(&sphere);
+        assert_eq!(is_far, CoarseHull::new(hull).is_outside(&sphere));
+        is_far
+    };
     let aside = Vec3A::new(1e9, 0.0, 0.0);
-    assert!(sweep.is_far(aside, 1.0, 1e9));
-    assert!(!sweep.is_far(Vec3A::NAN, 1.0, 1.0));
-    assert!(!sweep.is_far(aside, f32::NAN, 1e9));
-    assert!(!sweep.is_far(aside, f32::INFINITY, 1e9));
-    assert!(!sweep.is_far(aside, 1.0, f32::NAN));
-    assert!(!CasterHull::default().sweep.coarse().is_far(aside, 1.0, 1e9));
+    assert!(is_far(&hull, aside, 1.0, 1e9));
+    assert!(!is_far(&hull, Vec3A::NAN, 1.0, 1.0));
+    assert!(!is_far(&hull, aside, f32::NAN, 1e9));
+    assert!(!is_far(&hull, aside, f32::INFINITY, 1e9));
+    assert!(!is_far(&hull, aside, 1.0, f32::NAN));
+    assert!(!is_far(&CasterHull::default(), aside, 1.0, 1e9));
+}
+
+proptest! {
+    /// Boxes as they stand in the world, sheared and mirrored ones too, a few on the edge of the sweep or a plane.
+    #[test]
+    fn what_is_outside_in_f32_is_outside(
+        origin in 0.0..6.0_f64,
+        towards in any_direction(),
+        to_light in any_direction(),
+        size in -2.0..3.0_f64,
+        beside in any_direction(),
+        share in prop_oneof![4 => 0.999..1.001_f64, 1 => 0.0..3.0],
+        axes in prop::array::uniform9(-2.0_f32..2.0),
+        local in prop::array::uniform3(-1.0_f32..1.0),
+        extents in prop::array::uniform3(0.0_f32..1.0),
+    ) {
+        let half = DVec3::splat(10_f64.powf(size));
+        let center = 10_f64.powf(origin) * towards;
+        let body = ConvexBody::of_box(center - half, center + half);
+        let hull = CasterHull::new(&body, to_light, 0.0);
+        let (local, extents) = (Vec3A::from_array(local), Vec3A::from_array(extents));
+        let axes = Mat3A::from_cols_array(&axes);
+        let reach = f64::from((axes.abs() * (local.abs() + extents)).length());
+        let at = center + share * (half.length() + reach) * beside;
+        let world_from_local = Affine3A {
+            matrix3: axes,
+            translation: at.as_vec3a(),
+        };
+        let axes = DMat3::from_cols(axes.x_axis.as_dvec3(), axes.y_axis.as_dvec3(), axes.z_axis.as_dvec3());
+        let bounds = OrientedBox {
+            center: axes * local.as_dvec3() + world_from_local.translation.as_dvec3(),
+            half_axes: axes * DMat3::from_diagonal(extents.as_dvec3()),
+        };
+        let is_inside = hull.intersects_box(&bounds);
+        let sphere = CoarseSphere::new(&world_from_local, local, extents);
+        let sweep = CoarseSweep::new(&hull.sweep);
+        prop_assert!(!is_inside || !sweep.is_far(&sphere), "far from the sweep in f32 only");
+        let is_outside = CoarseHull::new(&hull).is_outside(&sphere);
+        prop_assert!(!is_inside || !is_outside, "outside of a plane in f32 only");
+        let mut aside = world_from_local;
+        aside.translation += Vec3A::splat(3e7);
+        let four = FourSpheres::new([&aside, &aside, &world_from_local, &aside], [local; 4], [extents; 4]);
+        let far = sweep.are_far(&four);
+        prop_assert!(!is_inside || far & 0b100 == 0, "far in f32 only: {far:b}");
+        // They are of use, too.
+        if to_light.abs_diff_eq(DVec3::splat(0.577), 0.5) {
+            return Ok(());
+        }
+        prop_assert_eq!(far & 0b1011, 0b1011);
+    }
 }
 
 #[test]
