@@ -1,23 +1,32 @@
 //! What a camera and a light cost the CPU each frame: gathering what the camera sees, planning, and
-//! testing casters.
+//! testing casters; and what a map that is drawn costs it in the render world.
 
+#[path = "../examples/common/headless.rs"]
+mod headless;
 #[path = "../examples/common/server.rs"]
 mod server;
+#[path = "../examples/common/warnings.rs"]
+mod warnings;
 
 use core::{hint::black_box, time::Duration};
 use std::time::Instant;
 
 use bevy::{
-    camera::{CameraProjection, PerspectiveProjection, Viewport, primitives::Aabb},
+    camera::{
+        CameraProjection, PerspectiveProjection, Viewport, primitives::Aabb,
+        visibility::NoFrustumCulling,
+    },
+    light::DirectionalLightShadowMap,
     light::{
         CascadeShadowConfigBuilder, cascade::build_directional_light_cascades,
         check_dir_light_mesh_visibility, update_directional_light_frusta,
     },
     math::{DAffine3, DMat3, DVec3},
     prelude::*,
+    render::RenderApp,
 };
 use bevy_pssm::{
-    CascadeFit, MapWarp, ParallelSplitShadows,
+    CascadeFit, Comparison, MapSize, MapUpdates, MapWarp, ParallelSplitShadows, PssmPlugin,
     geometry::{
         light_frame::LightFrame, oriented_box::OrientedBox, receivers::Receivers, slice::ViewVolume,
     },
@@ -297,5 +306,110 @@ fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
     app
 }
 
-criterion_group!(benches, planning, gathering, frames);
+/// What extracting and rendering a frame costs without shadows, with four maps of Bevy's, with four of the plugin's that
+/// are drawn in each frame, and with four that are held. Tiny maps and pictures, and a GPU that has nothing left to do when a
+/// frame begins: this is the CPU's share.
+fn render_worlds(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("render world");
+    group.sample_size(30);
+    let with = |updates| ParallelSplitShadows {
+        far: 500.0,
+        map_size: MapSize::Same(64),
+        comparison: Comparison {
+            updates,
+            ..default()
+        },
+        ..default()
+    };
+    let shadows = [
+        ("no shadows", None),
+        ("built-in", Some(None)),
+        (
+            "plugin, every map drawn",
+            Some(Some(with(MapUpdates::EveryFrame))),
+        ),
+        (
+            "plugin, every map held",
+            Some(Some(with(MapUpdates::WhenNeeded))),
+        ),
+    ];
+    let counts = [100, 4000].into_iter();
+    for (count, (name, shadows)) in counts.flat_map(|count| shadows.clone().map(|it| (count, it))) {
+        let mut headless = headless::Headless::new(UVec2::splat(16), |app| {
+            app.insert_resource(DirectionalLightShadowMap { size: 64 });
+            if matches!(shadows, Some(Some(_))) {
+                app.add_plugins(PssmPlugin);
+            }
+        });
+        spawn_drawn(&mut headless, count, shadows);
+        headless.settle();
+        group.bench_function(format!("{count} meshes, {name}"), |bencher| {
+            bencher.iter_custom(|times| {
+                let mut spent = Duration::ZERO;
+                for _ in 0..times {
+                    headless.app.main_mut().run_default_schedule();
+                    let start = Instant::now();
+                    headless
+                        .app
+                        .sub_apps_mut()
+                        .update_subapp_by_label(RenderApp);
+                    spent += start.elapsed();
+                    headless.app.main_mut().world_mut().clear_trackers();
+                    headless.finish();
+                }
+                spent
+            });
+        });
+    }
+}
+
+/// Meshes of eight kinds, in all maps.
+fn spawn_drawn(
+    headless: &mut headless::Headless,
+    count: usize,
+    shadows: Option<Option<ParallelSplitShadows>>,
+) {
+    let target = headless.render_target();
+    let world = headless.app.world_mut();
+    let meshes = (0..8).map(|kind| Mesh::from(Cuboid::new(1.0, 1.0 + kind as f32, 1.0)));
+    let meshes: Vec<_> = meshes.collect();
+    let mut assets = world.resource_mut::<Assets<Mesh>>();
+    let meshes: Vec<_> = meshes.into_iter().map(|mesh| assets.add(mesh)).collect();
+    let material = world
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(Color::WHITE);
+    let side = (count as f32).sqrt().ceil();
+    world.spawn_batch((0..count).map(move |i| {
+        let (row, column) = ((i as f32 / side).floor(), i as f32 % side);
+        (
+            Mesh3d(meshes[i % meshes.len()].clone()),
+            MeshMaterial3d(material.clone()),
+            // All of them are in all maps, whoever culls.
+            NoFrustumCulling,
+            Transform::from_xyz(400.0 * (column / side - 0.5), 0.0, -400.0 * row / side),
+        )
+    }));
+    world.spawn((
+        Camera3d::default(),
+        target,
+        Transform::from_xyz(0.0, 20.0, 0.0).looking_to(Vec3::new(0.0, -0.1, -1.0), Vec3::Y),
+    ));
+    let mut sun = world.spawn((
+        DirectionalLight {
+            shadow_maps_enabled: shadows.is_some(),
+            ..default()
+        },
+        CascadeShadowConfigBuilder {
+            maximum_distance: 500.0,
+            ..default()
+        }
+        .build(),
+        Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.2), Vec3::Y),
+    ));
+    if let Some(Some(shadows)) = shadows {
+        sun.insert(shadows);
+    }
+}
+
+criterion_group!(benches, planning, gathering, frames, render_worlds);
 criterion_main!(benches);

@@ -124,6 +124,11 @@ impl Headless {
     /// One frame, finished on the GPU.
     pub fn step(&mut self) {
         self.app.update();
+        self.finish();
+    }
+
+    /// Waits until the GPU has finished.
+    pub fn finish(&self) {
         if let Some(device) = self.app.world().get_resource::<RenderDevice>() {
             // A lost device shows in the next step.
             let _ = device.wgpu_device().poll(PollType::wait_indefinitely());

@@ -188,8 +188,10 @@ pub fn plan_shadows(
     let displaced = displaced.get();
     let active = || cameras.iter().filter(|it| it.camera.is_active);
     // Bevy's pass draws for each camera.
-    *shared = if support.draws_maps() && active().nth(1).is_some() {
-        let sharers = active().map(|it| Sharer {
+    let may_share = support.draws_maps() && active().nth(1).is_some();
+    shared.update(|| {
+        let sharers = active().filter(|_| may_share);
+        sharers.map(|it| Sharer {
             camera: it.entity,
             with: it.shares_with.map(|it| it.0),
             layers: layers_of(it.layers),
@@ -198,11 +200,8 @@ pub fn plan_shadows(
                 .camera
                 .physical_target_size()
                 .is_some_and(|size| size.min_element() > 0),
-        });
-        SharedViews::new(sharers.collect())
-    } else {
-        SharedViews::default()
-    };
+        })
+    });
     views.clear();
     for it in active().filter(|it| shared.host_of(it.entity).is_none()) {
         let layers = layers_of(it.layers);
@@ -233,7 +232,11 @@ pub fn plan_shadows(
                 });
                 let rests = is_same && !changed.have_receivers_changed();
                 if !rests {
-                    let visible: Vec<Entity> = visible().collect();
+                    let last = gathered.remove(&it.entity);
+                    let mut seen = last.map_or_else(Vec::new, |last| last.visible);
+                    seen.clear();
+                    seen.extend(visible());
+                    let visible = seen;
                     let receivers = if is_focused {
                         // Of what several cameras see, each once.
                         let mut once = Vec::new();

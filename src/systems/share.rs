@@ -24,6 +24,7 @@ use crate::geometry::slice::ViewVolume;
 pub struct SharesShadowsWith(#[entities] pub Entity);
 
 /// A camera that may share maps.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sharer {
     pub camera: Entity,
     pub with: Option<Entity>,
@@ -40,10 +41,21 @@ pub struct SharedViews {
     hosts: EntityHashMap<Entity>,
     /// By the camera that has maps: what it and its guests see.
     volumes: EntityHashMap<ViewVolume>,
+    /// What this follows from.
+    cameras: Vec<Sharer>,
 }
 
 impl SharedViews {
-    pub(super) fn new(mut cameras: Vec<Sharer>) -> Self {
+    pub(super) fn update<I: Iterator<Item = Sharer>>(&mut self, cameras: impl Fn() -> I) {
+        if !cameras().eq(self.cameras.iter().cloned()) {
+            *self = Self {
+                cameras: cameras().collect(),
+                ..Self::new(cameras().collect())
+            };
+        }
+    }
+
+    fn new(mut cameras: Vec<Sharer>) -> Self {
         // Whoever comes first has the maps: always the same.
         cameras.sort_unstable_by_key(|it| (!it.is_drawn, it.camera));
         let mut shared = Self::default();

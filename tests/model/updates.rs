@@ -299,6 +299,40 @@ fn floods_of_changes_pass() {
     assert!((0..10).all(|_| !frame()));
 }
 
+/// Whichever meshes tell of a flood, they do not tell for ever: it is over where no others change any more.
+#[test]
+fn few_do_not_stand_for_a_flood_for_long() {
+    // As many as of a sample.
+    const FEW: usize = 128;
+    for offset in [0, FEW / 2] {
+        let mut app = app();
+        camera(&mut app);
+        sun(&mut app, ParallelSplitShadows::default());
+        let boxes = many_boxes(&mut app, FEW);
+        app.update();
+        let changes = |app: &App| app.world().resource::<ChangedCasters>().get().clone();
+        for _ in 0..10 {
+            lift(&mut app, &boxes, 0.01);
+            app.update();
+            assert_eq!(changes(&app), CasterChanges::Anywhere);
+        }
+        let few: Vec<Entity> = boxes.iter().copied().skip(offset).step_by(FEW).collect();
+        for _ in 0..18 {
+            lift(&mut app, &few, 0.01);
+            app.update();
+        }
+        for _ in 0..3 {
+            lift(&mut app, &few, 0.01);
+            app.update();
+            let are_few = matches!(
+                changes(&app),
+                CasterChanges::At(_) | CasterChanges::AtOnce(Some(_))
+            );
+            assert!(are_few, "{offset}: {:?}", changes(&app));
+        }
+    }
+}
+
 /// Nobody looks at casters until a light shines, and then nothing is missed of what changes.
 #[test]
 fn what_changes_at_night_is_drawn_at_sunrise() {
