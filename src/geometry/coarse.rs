@@ -72,11 +72,10 @@ impl CoarseHull {
         let planes = hull.planes.chunks(4).map(|planes| {
             // One plane's stand for those that are missing.
             let [a, b, c, d] = [0, 1, 2, 3].map(|index| planes.get(index).unwrap_or(&planes[0]));
-            let normals = lanes([a, b, c, d].map(|plane| plane.normal.as_vec3a()));
-            let distances = [a, b, c, d].map(|plane| plane.distance as f32);
-            let distance = Vec4::from_array(distances);
+            let distance = [a, b, c, d].map(|plane| plane.distance as f32);
+            let distance = Vec4::from_array(distance);
             FourPlanes {
-                normal: normals,
+                normal: lanes([a, b, c, d].map(|plane| plane.normal.as_vec3a())),
                 distance: distance + ROUNDING * distance.abs(),
             }
         });
@@ -89,7 +88,7 @@ impl CoarseHull {
     #[inline]
     pub fn is_outside(&self, sphere: &CoarseSphere) -> bool {
         let CoarseSphere { center, radius, .. } = *sphere;
-        let reach = radius + 4.0 * sphere.rounding();
+        let reach = radius * (1.0 + ROUNDING) + 4.0 * sphere.rounding();
         self.planes.iter().any(|planes| {
             let [x, y, z] = planes.normal;
             let along = x * center.x + y * center.y + z * center.z;

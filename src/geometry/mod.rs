@@ -5,9 +5,9 @@
 //! clips a slice to it.
 //! [`light_frame`] is the fixed frame that maps live in, [`fit`] lays a map there and [`mod@warp`] one
 //! in perspective; [`hysteresis`] keeps either from changing its size with every frame. [`hull`] decides
-//! which casters can matter, [`coarse`] which can certainly not, and [`aliasing`] tells how good a map is. [`bias`] says how much nearer
-//! to the light a lookup must be for a plane not to shadow itself. [`face`] lays maps over the faces
-//! of a slice.
+//! which casters can matter, [`coarse`] which can certainly not, and [`aliasing`] tells how good a map
+//! is. [`bias`] says how much nearer to the light a lookup must be for a plane not to shadow itself.
+//! [`face`] lays maps over the faces of a slice.
 
 pub mod aliasing;
 pub mod bias;

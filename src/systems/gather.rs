@@ -108,7 +108,8 @@ impl Range {
         let (axes, origin) = (&world_from_local.matrix3, world_from_local.translation);
         let magnitude = (origin.abs() + self.eye.abs()).max_element() + self.far.abs();
         let rounding = 4.0 * ROUNDING * magnitude * self.per_meter.length();
-        let beyond = self.per_meter.dot(origin - self.eye) - self.far - rounding;
+        let depth = self.per_meter.dot(origin - self.eye);
+        let beyond = depth - rounding - self.far * (1.0 + ROUNDING);
         // Of four times a sphere around the box, about the mesh's origin.
         let stretch_2 = axes.x_axis.length_squared()
             + axes.y_axis.length_squared()

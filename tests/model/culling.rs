@@ -157,6 +157,7 @@ proptest! {
         size in -2.0..3.0_f64,
         beside in any_direction(),
         share in prop_oneof![4 => 0.999..1.001_f64, 1 => 0.0..3.0],
+        scale in -2.0..4.0_f32,
         axes in prop::array::uniform9(-2.0_f32..2.0),
         local in prop::array::uniform3(-1.0_f32..1.0),
         extents in prop::array::uniform3(0.0_f32..1.0),
@@ -166,7 +167,7 @@ proptest! {
         let body = ConvexBody::of_box(center - half, center + half);
         let hull = CasterHull::new(&body, to_light, 0.0);
         let (local, extents) = (Vec3A::from_array(local), Vec3A::from_array(extents));
-        let axes = Mat3A::from_cols_array(&axes);
+        let axes = 10_f32.powf(scale) * Mat3A::from_cols_array(&axes);
         let reach = f64::from((axes.abs() * (local.abs() + extents)).length());
         let at = center + share * (half.length() + reach) * beside;
         let world_from_local = Affine3A {
@@ -185,7 +186,7 @@ proptest! {
         let is_outside = CoarseHull::new(&hull).is_outside(&sphere);
         prop_assert!(!is_inside || !is_outside, "outside of a plane in f32 only");
         let mut aside = world_from_local;
-        aside.translation += Vec3A::splat(3e7);
+        aside.translation += Vec3A::splat(3e8);
         let four = FourSpheres::new([&aside, &aside, &world_from_local, &aside], [local; 4], [extents; 4]);
         let far = sweep.are_far(&four);
         prop_assert!(!is_inside || far & 0b100 == 0, "far in f32 only: {far:b}");
