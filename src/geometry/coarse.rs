@@ -46,7 +46,8 @@ impl CoarseSweep {
             spheres.z - self.center.z,
         ];
         let along = x * self.to_light.x + y * self.to_light.y + z * self.to_light.z;
-        let along = along.max(Vec4::ZERO);
+        // What is no number stays none.
+        let along = Vec4::select(along.cmplt(Vec4::ZERO), Vec4::ZERO, along);
         let reach = spheres.radius * (1.0 + ROUNDING) + (self.radius + self.rounding);
         let distance_2 = x * x + y * y + z * z;
         let beside_2 = distance_2 * (1.0 - 4.0 * ROUNDING) - along * along;

@@ -119,10 +119,13 @@ impl Sample {
     /// Frames for which it is believed: others may change by then.
     const LIFE: u32 = 16;
 
-    fn new(meshes: &[Entity]) -> Self {
+    /// Others in each `frame`: some may always be suspects, and never change.
+    fn new(meshes: &[Entity], frame: u64) -> Self {
         let share = meshes.len().div_ceil(Self::SIZE).max(1);
+        let first = (frame % share as u64) as usize;
+        let meshes = meshes.iter().copied();
         Self {
-            meshes: meshes.iter().copied().step_by(share).collect(),
+            meshes: meshes.skip(first).step_by(share).collect(),
             share,
             age: 0,
         }
@@ -208,7 +211,7 @@ pub fn find_changes(
         changed.forget();
         changed.sample = Sample::default();
         if is_flood && suspects.len() > MOST {
-            changed.sample = Sample::new(&suspects);
+            changed.sample = Sample::new(&suspects, changed.frame);
             let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
             while let Some(it) = sample.fetch_next() {
                 if let Ok(mut it) = it {

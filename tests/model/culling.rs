@@ -145,10 +145,25 @@ fn what_is_no_number_is_far_from_nothing_in_f32() {
     assert!(!is_far(&hull, aside, f32::INFINITY, 1e9));
     assert!(!is_far(&hull, aside, 1.0, f32::NAN));
     assert!(!is_far(&CasterHull::default(), aside, 1.0, 1e9));
+    let at = |translation| Affine3A {
+        translation,
+        ..Affine3A::IDENTITY
+    };
+    let nowhere = Vec3A::new(0.0, f32::INFINITY, 0.0);
+    let [far, none, infinite] = [aside, Vec3A::NAN, nowhere].map(at);
+    let four = |halves| {
+        let spheres = FourSpheres::new([&far, &none, &infinite, &far], [Vec3A::ZERO; 4], halves);
+        CoarseSweep::new(&hull.sweep).are_far(&spheres)
+    };
+    assert_eq!(four([Vec3A::ONE; 4]), 0b1001);
+    assert_eq!(
+        four([Vec3A::NAN, Vec3A::ONE, Vec3A::ONE, Vec3A::INFINITY]),
+        0
+    );
 }
 
 proptest! {
-    /// Boxes as they stand in the world, sheared and mirrored ones too, a few on the edge of the sweep or a plane.
+    /// Boxes as they stand in the world, sheared and mirrored ones too.
     #[test]
     fn what_is_outside_in_f32_is_outside(
         origin in 0.0..6.0_f64,
@@ -195,6 +210,45 @@ proptest! {
             return Ok(());
         }
         prop_assert_eq!(far & 0b1011, 0b1011);
+    }
+
+    /// Sticks that point at a plane of the hull and touch it, or nearly: their spheres are no larger than they are.
+    #[test]
+    fn what_touches_is_not_outside_in_f32(
+        origin in 0.0..6.0_f64,
+        towards in any_direction(),
+        to_light in any_direction(),
+        size in -2.0..3.0_f64,
+        length in -2.0..7.0_f64,
+        apart in -1e-6..1e-6_f64,
+    ) {
+        let half = DVec3::splat(10_f64.powf(size));
+        let center = 10_f64.powf(origin) * towards;
+        let body = ConvexBody::of_box(center - half, center + half);
+        let hull = CasterHull::new(&body, to_light, 0.0);
+        let length = 10_f64.powf(length);
+        for plane in &hull.planes {
+            let on_plane = center + plane.normal * (plane.distance - plane.normal.dot(center));
+            let at = on_plane + plane.normal * length * (1.0 + apart);
+            let stick = (plane.normal * length).as_vec3a();
+            let world_from_local = Affine3A {
+                matrix3: Mat3A::from_cols(stick, Vec3A::ZERO, Vec3A::ZERO),
+                translation: at.as_vec3a(),
+            };
+            let bounds = OrientedBox {
+                center: world_from_local.translation.as_dvec3(),
+                half_axes: DMat3::from_cols(stick.as_dvec3(), DVec3::ZERO, DVec3::ZERO),
+            };
+            if !hull.intersects_box(&bounds) {
+                continue;
+            }
+            let sphere = CoarseSphere::new(&world_from_local, Vec3A::ZERO, Vec3A::X);
+            let sweep = CoarseSweep::new(&hull.sweep);
+            let four = FourSpheres::new([&world_from_local; 4], [Vec3A::ZERO; 4], [Vec3A::X; 4]);
+            prop_assert!(!CoarseHull::new(&hull).is_outside(&sphere), "outside of a plane in f32 only");
+            prop_assert!(!sweep.is_far(&sphere), "far from the sweep in f32 only");
+            prop_assert_eq!(sweep.are_far(&four), 0, "far in f32 only");
+        }
     }
 }
 
