@@ -166,8 +166,7 @@ impl CasterHull {
             })
     }
 
-    /// As [`CasterHull::intersects_box`], for a sphere in world space: worth asking first, as most
-    /// casters are far off.
+    /// As [`CasterHull::intersects_box`], for a sphere in world space.
     pub fn intersects_sphere(&self, center: DVec3, radius: f64) -> bool {
         !self.sweep.is_far(center, radius)
             && !self

@@ -38,8 +38,8 @@ pub struct PublishedCascades {
 }
 
 impl PublishedCascadesItem<'_, '_> {
-    /// Takes all of it away, and what Bevy has put there, until it is shown again: Bevy would cull for what it sees of cascades, and drop lists of views that
-    /// it culls nothing for.
+    /// Takes all of it away, and what Bevy has put there, until it is shown again: Bevy would cull for what it
+    /// sees of cascades, and drop lists of views that it culls nothing for.
     pub fn hide(&mut self) {
         *self.hidden = HiddenCascades {
             cascades: core::mem::take(&mut self.cascades.cascades),
