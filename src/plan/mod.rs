@@ -11,6 +11,7 @@ mod rest;
 mod size;
 mod split;
 mod sun;
+mod turning;
 mod volume;
 mod warp;
 
@@ -39,6 +40,7 @@ use held::{HeldMap, Turn};
 use layout::{KeptRange, Layout};
 use rest::Rest;
 use sun::FollowedSun;
+use turning::Turning;
 
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,6 +145,7 @@ pub struct PlanHistory {
     config: Option<ParallelSplitShadows>,
     /// The view that it was last made for, from the grids' origin.
     view: Option<ViewVolume>,
+    turning: Turning,
     /// Depth at which the first slice ended then.
     first_plane: f64,
     /// Depths between which splits are spread, and what is held of them.
@@ -174,7 +177,7 @@ impl PlanHistory {
                 ..Hold::LONG
             });
             for cascade in &mut history.cascades {
-                cascade.extent = [Kept::with(Hold::LONG); 2];
+                cascade.extent = [Kept::with(history.turning.hold()); 2];
                 cascade.size = [Kept::with(Hold::LONG); 2];
             }
         }
@@ -220,15 +223,20 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
         *history = PlanHistory::new(config);
     }
     let view = cut::relative_to(inputs.view, inputs.light.origin);
-    if history
-        .view
-        .replace(view)
-        .is_some_and(|last| cut::is_cut(inputs, &last, &view, history.first_plane))
-    {
-        *history = PlanHistory {
-            view: Some(view),
-            ..PlanHistory::new(config)
-        };
+    if let Some(last) = history.view.replace(view) {
+        if cut::is_cut(inputs, &last, &view, history.first_plane) {
+            *history = PlanHistory {
+                view: Some(view),
+                ..PlanHistory::new(config)
+            };
+        } else if history.turning.follow(&last, &view) && config.fit.any(|fit| fit == MapFit::Steady)
+        {
+            let held = Kept::with(history.turning.hold());
+            history
+                .cascades
+                .iter_mut()
+                .for_each(|it| it.extent = [held; 2]);
+        }
     }
     let range = layout::split_range(inputs, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices, &mut history.faces);

@@ -1,0 +1,55 @@
+//! Whether the view keeps turning quickly: then maps with more to spare are drawn less often.
+
+use crate::geometry::{hysteresis::Hold, slice::ViewVolume};
+
+/// Of the angle that a view has turned by, what is left after a frame: half after a second and a half at 60 per
+/// second.
+const KEPT: f64 = 0.992;
+
+/// A view turns quickly from this angle on (radians; what is left of the frames before counts): a look over the
+/// shoulder does not count.
+const QUICK: f64 = 1.6;
+
+/// It does so no more below this.
+const SLOW: f64 = 0.2;
+
+/// Steps that the extent of a steady map then has to spare at least.
+const MARGIN: f64 = 2.5;
+
+/// How much a view has turned of late.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub(super) struct Turning {
+    angle: f64,
+    is_quick: bool,
+}
+
+impl Turning {
+    /// Follows a view from frame to frame. Whether it has begun, or ceased, to turn quickly.
+    pub fn follow(&mut self, last: &ViewVolume, view: &ViewVolume) -> bool {
+        let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
+            return false;
+        };
+        let turned = before.angle_between(now);
+        self.angle = KEPT * self.angle + turned;
+        if turned == 0.0 && self.angle < SLOW {
+            // At rest, nothing changes any more.
+            self.angle = 0.0;
+        }
+        let was_quick = self.is_quick;
+        self.is_quick = self.angle > if was_quick { SLOW } else { QUICK };
+        self.is_quick != was_quick
+    }
+
+    /// How the extents of steady maps are held.
+    pub fn hold(&self) -> Hold {
+        let margin = if self.is_quick {
+            MARGIN
+        } else {
+            Hold::LONG.margin
+        };
+        Hold {
+            margin,
+            ..Hold::LONG
+        }
+    }
+}
