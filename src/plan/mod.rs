@@ -229,7 +229,8 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
                 view: Some(view),
                 ..PlanHistory::new(config)
             };
-        } else if history.turning.follow(&last, &view) && config.fit.any(|fit| fit == MapFit::Steady)
+        } else if history.turning.follow(&last, &view)
+            && config.fit.any(|fit| fit == MapFit::Steady)
         {
             let held = Kept::with(history.turning.hold());
             history

@@ -1,22 +1,20 @@
-//! Whether the view keeps turning quickly: then maps with more to spare are drawn less often.
+//! Whether a view keeps turning quickly: maps with more to spare are then drawn less often.
 
 use crate::geometry::{hysteresis::Hold, slice::ViewVolume};
 
-/// Of the angle that a view has turned by, what is left after a frame: half after a second and a half at 60 per
-/// second.
+/// Of the angle that a view has turned by, what still counts after a frame.
 const KEPT: f64 = 0.992;
 
-/// A view turns quickly from this angle on (radians; what is left of the frames before counts): a look over the
-/// shoulder does not count.
-const QUICK: f64 = 1.6;
+/// A view turns quickly from so much on (radians): a degree per frame that is kept up, or more than a look behind.
+const QUICK: f64 = 1.75;
 
 /// It does so no more below this.
 const SLOW: f64 = 0.2;
 
 /// Steps that the extent of a steady map then has to spare at least.
-const MARGIN: f64 = 2.5;
+const MARGIN: f64 = 3.0;
 
-/// How much a view has turned of late.
+/// How much a view has turned of late (radians).
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Turning {
     angle: f64,
