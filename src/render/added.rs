@@ -1,12 +1,10 @@
 //! Casters that are added to what maps hold: a second view draws them, and nothing else, over the map.
 
 use bevy::{
-    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::{Entity, EntityHashMap},
         query::Without,
         resource::Resource,
-        schedule::ScheduleLabel,
         system::{Commands, Query, Res, ResMut},
     },
     render::{sync_world::MainEntity, view::ExtractedView},
@@ -14,7 +12,6 @@ use bevy::{
 
 use super::{
     hold::DrawnMaps,
-    pass::DrawAdded,
     second_view::{MapView, Over, SecondView, SecondViews, listed},
 };
 
@@ -33,6 +30,11 @@ impl AddedViews {
     /// What is added to what a map holds, in order.
     pub fn casters(&self, view: Entity) -> &[MainEntity] {
         self.0.get(&view).map_or(&[], |it| &it.casters)
+    }
+
+    /// The view that draws them.
+    pub fn view(&self, of: Entity) -> Option<Entity> {
+        self.0.get(&of).map(|it| it.view)
     }
 }
 
@@ -65,11 +67,8 @@ pub(super) fn choose_added_views(
     views: Res<AddedViews>,
 ) {
     for (of, added) in &views.0 {
-        let mut view = commands.entity(added.view);
-        if drawn.is_added_to(*of) {
-            view.insert(RootNonCameraView(DrawAdded.intern()));
-        } else {
-            view.remove::<ExtractedView>();
+        if !drawn.is_added_to(*of) {
+            commands.entity(added.view).remove::<ExtractedView>();
         }
     }
 }

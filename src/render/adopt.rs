@@ -1,13 +1,11 @@
 //! Taking over the views whose maps share Bevy's array texture: each gets a layer of the target
-//! and becomes a root view, which [`shadow_map_pass`](super::shadow_map_pass) draws.
+//! which [`shadow_map_pass`](super::shadow_map_pass) draws.
 
 use bevy::{
     camera::visibility::RenderLayers,
-    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::Entity,
         query::{QueryData, With, Without},
-        schedule::ScheduleLabel,
         system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
     light::DirectionalLightShadowMap,
@@ -35,8 +33,6 @@ use super::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
-    moving::MovingViews,
-    pass::{DrawBoth, DrawShadowMap},
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
@@ -94,7 +90,6 @@ pub(super) struct AdoptableView {
     extracted: &'static mut ExtractedView,
     shadow: Option<&'static ShadowView>,
     adopted: Option<&'static AdoptedMap>,
-    root: Option<&'static RootNonCameraView>,
 }
 
 /// The entities that share Bevy's array of maps.
@@ -110,7 +105,6 @@ pub(super) struct Adoptable<'w, 's> {
         With<ExtractedDirectionalLight>,
     >,
     adopted_cameras: Query<'w, 's, Entity, With<AdoptedLights>>,
-    moving: Res<'w, MovingViews>,
 }
 
 pub(super) fn adopt_views(
@@ -269,7 +263,7 @@ impl Adoptable<'_, '_> {
         // A camera that looks up another one's maps has none of its own any more.
         for it in self.views.iter().filter(|it| it.adopted.is_some()) {
             if !layout.maps.iter().any(|(view, _)| *view == it.entity) {
-                Self::leave(commands, it.entity, it.light);
+                commands.entity(it.entity).remove::<AdoptedMap>();
             }
         }
         for (view, map) in layout.maps {
@@ -277,16 +271,6 @@ impl Adoptable<'_, '_> {
                 it.extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
                 if it.adopted != Some(&map) {
                     commands.entity(view).insert(map);
-                }
-                // A spot light's view is a root of Bevy's already.
-                let label = if self.moving.are_over(view) {
-                    DrawBoth.intern()
-                } else {
-                    DrawShadowMap.intern()
-                };
-                let is_root = it.root.is_some_and(|root| root.0 == label);
-                if !is_root && map.spot_index.is_none() {
-                    commands.entity(view).insert(RootNonCameraView(label));
                 }
                 commands
                     .entity(view)
@@ -307,17 +291,10 @@ impl Adoptable<'_, '_> {
     /// Leaves all views to Bevy.
     fn release(&self, commands: &mut Commands) {
         for view in self.views.iter().filter(|view| view.adopted.is_some()) {
-            Self::leave(commands, view.entity, view.light);
+            commands.entity(view.entity).remove::<AdoptedMap>();
         }
         for camera in &self.adopted_cameras {
             commands.entity(camera).remove::<AdoptedLights>();
-        }
-    }
-
-    fn leave(commands: &mut Commands, view: Entity, light: &LightEntity) {
-        commands.entity(view).remove::<AdoptedMap>();
-        if matches!(light, LightEntity::Directional { .. }) {
-            commands.entity(view).remove::<RootNonCameraView>();
         }
     }
 }

@@ -5,7 +5,6 @@
 
 use bevy::{
     asset::AssetEvent,
-    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::{Entity, EntityHashMap},
         message::MessageReader,
@@ -208,9 +207,7 @@ pub(super) fn hold_maps(
             true => Drawn::Added,
         };
         if keeps {
-            commands
-                .entity(it.entity)
-                .remove::<(RootNonCameraView, ExtractedView)>();
+            commands.entity(it.entity).remove::<ExtractedView>();
         }
         let map = DrawnMap {
             content,

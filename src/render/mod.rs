@@ -91,6 +91,7 @@ pub(crate) fn build(app: &mut App) {
         .init_gpu_resource::<hold::DrawnMaps>()
         .init_resource::<added::AddedViews>()
         .init_resource::<moving::MovingViews>()
+        .init_resource::<pass::MapsRoot>()
         .add_systems(
             ExtractSchedule,
             (
@@ -123,6 +124,7 @@ pub(crate) fn build(app: &mut App) {
                 (
                     hold::hold_maps,
                     (added::choose_added_views, moving::choose_moving_views),
+                    pass::collect_drawn_views,
                 )
                     .chain()
                     .in_set(RenderSystems::PhaseSort)

@@ -4,28 +4,20 @@
 //! view draws what moves, over a copy of that.
 
 use bevy::{
-    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::{Entity, EntityHashMap},
         query::Without,
         resource::Resource,
-        schedule::ScheduleLabel,
         system::{Commands, Query, Res, ResMut},
-        world::World,
     },
     pbr::Shadow,
     platform::collections::HashSet,
-    render::{
-        render_phase::ViewBinnedRenderPhases,
-        renderer::{CurrentView, RenderDevice},
-        view::ExtractedView,
-    },
+    render::{render_phase::ViewBinnedRenderPhases, renderer::RenderDevice, view::ExtractedView},
 };
 
 use super::{
     hold::DrawnMaps,
     layout::AdoptedMap,
-    pass::{DrawSecondView, DrawShadowMap},
     second_view::{MapView, Over, SecondView, SecondViews, listed},
     target::ShadowTarget,
 };
@@ -42,6 +34,7 @@ struct MovingMap {
     idle: u32,
     /// The map that is looked up shows some.
     shows_any: bool,
+    is_drawn: bool,
 }
 
 /// After so many frames without anything that moves, what rests is drawn into the map itself again.
@@ -49,8 +42,14 @@ const PATIENCE: u32 = 120;
 
 impl MovingViews {
     /// Whether a map's own view draws apart from it.
-    pub fn are_over(&self, view: Entity) -> bool {
+    fn are_over(&self, view: Entity) -> bool {
         self.0.contains_key(&view)
+    }
+
+    /// The view that puts a map together in this frame, if any does.
+    pub fn drawn_view(&self, of: Entity) -> Option<Entity> {
+        let map = self.0.get(&of)?;
+        map.is_drawn.then_some(map.view)
     }
 
     /// Whether anything that moves casts shadows into a map.
@@ -81,6 +80,7 @@ pub(super) fn add_moving_views(
             casters: 0,
             idle: 0,
             shows_any: false,
+            is_drawn: false,
         });
         map.casters = count;
         map.idle = if count == 0 { map.idle + 1 } else { 0 };
@@ -117,51 +117,15 @@ pub(super) fn choose_moving_views(
     mut views: ResMut<MovingViews>,
 ) {
     for (of, map) in &mut views.0 {
-        let mut view = commands.entity(map.view);
         let phase = extracted
             .get(map.view)
             .ok()
             .and_then(|it| phases.get(&it.retained_view_entity));
         let shows_any = phase.is_some_and(|phase| !phase.is_empty());
-        let is_held = drawn.is_held(*of);
-        if is_held && !shows_any && !map.shows_any {
-            view.remove::<(RootNonCameraView, ExtractedView)>();
-        } else if is_held {
-            view.insert(RootNonCameraView(DrawSecondView.intern()));
-        } else {
-            // It is drawn after what rests is.
-            view.remove::<RootNonCameraView>();
+        map.is_drawn = !drawn.is_held(*of) || shows_any || map.shows_any;
+        if !map.is_drawn {
+            commands.entity(map.view).remove::<ExtractedView>();
         }
         map.shows_any = shows_any;
     }
-}
-
-/// Draws what rests, and then what moves over a copy of it.
-pub(super) fn draw_both(world: &mut World) {
-    world.run_schedule(DrawShadowMap);
-    if let Some(CurrentView(own)) = world.get_resource::<CurrentView>().copied() {
-        draw_moving(world, own);
-    }
-}
-
-/// Draws what is added to what rests, and then what moves over a copy of all that.
-pub(super) fn draw_added(world: &mut World) {
-    world.run_schedule(DrawSecondView);
-    let view = world.get_resource::<CurrentView>().copied();
-    if let Some(second) = view.and_then(|view| world.get::<SecondView>(view.0).copied()) {
-        draw_moving(world, second.of);
-    }
-}
-
-/// Draws what moves, if anything does, over a copy of what rests in a map.
-fn draw_moving(world: &mut World, own: Entity) {
-    let Some(current) = world.get_resource::<CurrentView>().copied() else {
-        return;
-    };
-    let Some(moving) = world.resource::<MovingViews>().0.get(&own) else {
-        return;
-    };
-    world.insert_resource(CurrentView(moving.view));
-    world.run_schedule(DrawSecondView);
-    world.insert_resource(current);
 }

@@ -1,19 +1,22 @@
 //! The pass that draws one adopted map through Bevy's caster phase.
 
 use bevy::{
+    core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::Entity,
+        query::With,
+        resource::Resource,
         schedule::{
             IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel,
             common_conditions::resource_exists,
         },
-        system::{Query, Res, ScheduleSystem},
+        system::{Commands, Query, Res, ResMut, ScheduleSystem},
         world::World,
     },
     log::error,
     pbr::{
-        PreprocessPipelines, Shadow, allocate_uniforms, early_gpu_preprocess,
-        main_build_indirect_parameters, unpack_bins,
+        LightEntity, PreprocessPipelines, Shadow, ViewLightEntities, allocate_uniforms,
+        early_gpu_preprocess, main_build_indirect_parameters, unpack_bins,
     },
     render::{
         diagnostic::RecordDiagnostics,
@@ -22,16 +25,17 @@ use bevy::{
             LoadOp, Operations, RenderPassDepthStencilAttachment, RenderPassDescriptor, StoreOp,
             TextureView,
         },
-        renderer::{RenderContext, ViewQuery},
+        renderer::{CurrentView, RenderContext, ViewQuery},
         view::ExtractedView,
     },
 };
 
 use super::{
     PssmRenderSystems,
+    added::AddedViews,
     hold::DrawnMaps,
     layout::AdoptedMap,
-    moving::{draw_added, draw_both},
+    moving::MovingViews,
     second_view::{Over, SecondView},
     target::ShadowTarget,
 };
@@ -44,6 +48,14 @@ pub const SHADOW_PASS_SPAN: &str = "pssm_shadow_map";
 /// As [`SHADOW_PASS_SPAN`], of what moves in a map.
 pub const MOVING_PASS_SPAN: &str = "pssm_moving_casters";
 
+/// The schedule that draws all maps that are drawn in a frame, but for spot lights'.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+struct DrawShadowMaps;
+
+/// Bevy's preprocessing of what is in them.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+struct PreprocessCasters;
+
 /// The schedule that draws the map of one directional light's cascade.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub struct DrawShadowMap;
@@ -52,59 +64,104 @@ pub struct DrawShadowMap;
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct DrawSecondView;
 
-/// The schedule of a map that casters are added to: those, and what moves in it.
-#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct DrawAdded;
-
-/// The schedule of a map in which something moves, and what rests is drawn anew: both, one after the other.
-#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct DrawBoth;
-
 pub(super) fn schedules() -> [Schedule; 4] {
-    let mut both = Schedule::new(DrawBoth);
-    both.add_systems(draw_both);
-    let mut added = Schedule::new(DrawAdded);
-    added.add_systems(draw_added);
+    let mut maps = Schedule::new(DrawShadowMaps);
+    maps.add_systems(draw_maps);
+    let preprocessing = (allocate_uniforms, unpack_bins, early_gpu_preprocess);
     [
+        maps,
+        schedule(PreprocessCasters, preprocessing.chain()),
         map_schedule(
             DrawShadowMap,
             shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
         ),
         map_schedule(DrawSecondView, second_view_pass),
-        both,
-        added,
     ]
 }
 
-/// What a map takes: Bevy's preprocessing of what is in it, and the pass.
+/// What a map takes: its draws, and the pass.
 fn map_schedule<M>(
     label: impl ScheduleLabel,
     pass: impl IntoScheduleConfigs<ScheduleSystem, M>,
+) -> Schedule {
+    let draws = main_build_indirect_parameters.run_if(resource_exists::<PreprocessPipelines>);
+    schedule(label, (draws, pass).chain())
+}
+
+fn schedule<M>(
+    label: impl ScheduleLabel,
+    systems: impl IntoScheduleConfigs<ScheduleSystem, M>,
 ) -> Schedule {
     let mut schedule = Schedule::new(label);
     schedule.set_build_settings(ScheduleBuildSettings {
         auto_insert_apply_deferred: false,
         ..Default::default()
     });
-    let preprocessing = (
-        allocate_uniforms,
-        unpack_bins,
-        early_gpu_preprocess,
-        main_build_indirect_parameters,
-    );
-    schedule.add_systems(
-        (
-            preprocessing
-                .chain()
-                .run_if(resource_exists::<PreprocessPipelines>),
-            pass,
-        )
-            .chain(),
-    );
+    schedule.add_systems(systems);
     schedule
 }
 
-/// Draws the map of the current root view, if the plugin has adopted it. Runs in [`DrawShadowMap`], and for
+/// The root that all maps of a frame are drawn from: Bevy then preprocesses what is in them together.
+#[derive(Resource, Default)]
+pub(super) struct MapsRoot(Option<Entity>);
+
+/// Collects the views that draw in this frame: maps' own, then what is added to a map, then what moves in it.
+pub(super) fn collect_drawn_views(
+    mut commands: Commands,
+    maps: Query<(Entity, &LightEntity), With<AdoptedMap>>,
+    drawn: Res<DrawnMaps>,
+    added: Res<AddedViews>,
+    moving: Res<MovingViews>,
+    mut root: ResMut<MapsRoot>,
+) {
+    let mut lights = Vec::new();
+    for (map, light) in &maps {
+        if !matches!(light, LightEntity::Directional { .. }) {
+            continue;
+        }
+        if drawn.is_added_to(map) {
+            lights.extend(added.view(map));
+        } else if !drawn.is_held(map) {
+            lights.push(map);
+        }
+        lights.extend(moving.drawn_view(map));
+    }
+    let mut root = match root.0 {
+        Some(root) => commands.entity(root),
+        None => {
+            let spawned = commands.spawn_empty();
+            root.0 = Some(spawned.id());
+            spawned
+        }
+    };
+    if lights.is_empty() {
+        root.remove::<(RootNonCameraView, ViewLightEntities)>();
+    } else {
+        let label = RootNonCameraView(DrawShadowMaps.intern());
+        root.insert((label, ViewLightEntities { lights }));
+    }
+}
+
+fn draw_maps(world: &mut World) {
+    let Some(root) = world.get_resource::<CurrentView>().copied() else {
+        return;
+    };
+    if world.contains_resource::<PreprocessPipelines>() {
+        world.run_schedule(PreprocessCasters);
+    }
+    let views = world.get::<ViewLightEntities>(root.0);
+    for view in views.map(|it| it.lights.clone()).unwrap_or_default() {
+        world.insert_resource(CurrentView(view));
+        if world.get::<SecondView>(view).is_some() {
+            world.run_schedule(DrawSecondView);
+        } else {
+            world.run_schedule(DrawShadowMap);
+        }
+    }
+    world.insert_resource(root);
+}
+
+/// Draws the map of the current view, if the plugin has adopted it. Runs in [`DrawShadowMap`], and for
 /// spot lights in `Core3d`.
 pub fn shadow_map_pass(
     world: &World,

@@ -5,8 +5,9 @@ use bevy::{
     camera::visibility::{NoCpuCulling, RenderLayers},
     core_pipeline::schedule::RootNonCameraView,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
-    ecs::{entity_disabling::Disabled, query::QueryFilter},
+    ecs::entity_disabling::Disabled,
     light::NotShadowCaster,
+    pbr::{LightEntity, ViewLightEntities},
     prelude::*,
     render::RenderApp,
 };
@@ -33,19 +34,40 @@ fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
 
 /// How many maps of what rests the last frame drew.
 fn drawn(stage: &mut Stage) -> usize {
-    roots::<With<AdoptedMap>>(stage)
+    drawn_views(stage)
+        .iter()
+        .filter(|(is_own, _)| *is_own)
+        .count()
 }
 
-/// Into how many that were held it drew what moves.
+/// Into how many that were held it drew something.
 fn drawn_over(stage: &mut Stage) -> usize {
-    roots::<Without<AdoptedMap>>(stage)
+    let views = drawn_views(stage);
+    let mut before = None;
+    let mut over = 0;
+    for (is_own, light) in views {
+        over += usize::from(!is_own && before != Some(light));
+        before = Some(light);
+    }
+    over
 }
 
-fn roots<F: QueryFilter>(stage: &mut Stage) -> usize {
+/// The views that the last frame drew, in order: whether they are maps' own, and of which light's cascade.
+fn drawn_views(stage: &mut Stage) -> Vec<(bool, (Entity, usize))> {
     let render_app = stage.headless.app.sub_app_mut(RenderApp);
     let world = render_app.world_mut();
-    let mut maps = world.query_filtered::<(), (F, With<RootNonCameraView>)>();
-    maps.iter(render_app.world()).count()
+    let mut roots = world.query_filtered::<&ViewLightEntities, With<RootNonCameraView>>();
+    let views = roots.iter(world).flat_map(|root| &root.lights);
+    let cascade = |view: Entity| match world.get(view)? {
+        LightEntity::Directional {
+            light_entity,
+            cascade_index,
+        } => Some((*light_entity, *cascade_index)),
+        _ => None,
+    };
+    views
+        .filter_map(|view| Some((world.get::<AdoptedMap>(*view).is_some(), cascade(*view)?)))
+        .collect()
 }
 
 fn blocks(stage: &mut Stage) -> Vec<Entity> {
