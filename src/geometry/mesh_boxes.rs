@@ -16,17 +16,24 @@ const MAX_PER_SIDE: u32 = 32;
 /// shortest side, over squares of the other two. Each triangle is wholly in the part that its middle
 /// is in. Parts without triangles are left out, and triangles that are not finite. All is in the
 /// surface's own space.
-///
-/// Worked out bit by bit: all triangles are measured, then a grid is laid, then all are sorted in.
-#[derive(Debug, Clone)]
-pub struct PartBoxes {
-    bounds: Corners,
-    count: u32,
-    grid: Option<Grid>,
-    found: Vec<Corners>,
+pub fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
+    let finite = || triangles().filter(is_finite);
+    let (mut bounds, mut count) = (NOTHING, 0);
+    for triangle in finite() {
+        bounds = grown(bounds, triangle);
+        count += 1;
+    }
+    let grid = Grid::new(bounds, count);
+    let parts = grid.as_ref().map_or(1, Grid::parts);
+    let mut found = vec![NOTHING; parts];
+    for triangle in finite() {
+        let part = &mut found[grid.as_ref().map_or(0, |grid| grid.part_of(&triangle))];
+        *part = grown(*part, triangle);
+    }
+    found.retain(|part| *part != NOTHING);
+    found
 }
 
-#[derive(Debug, Clone, Copy)]
 struct Grid {
     /// Axes of its plane.
     sides: [usize; 2],
@@ -35,29 +42,10 @@ struct Grid {
     cells: UVec2,
 }
 
-impl Default for PartBoxes {
-    fn default() -> Self {
-        Self {
-            bounds: NOTHING,
-            count: 0,
-            grid: None,
-            found: Vec::new(),
-        }
-    }
-}
-
-impl PartBoxes {
-    /// Takes a triangle into account.
-    pub fn measure(&mut self, triangle: [Vec3; 3]) {
-        if is_finite(&triangle) {
-            self.bounds = grown(self.bounds, triangle);
-            self.count = self.count.saturating_add(1);
-        }
-    }
-
-    /// Ends measuring.
-    pub fn lay_grid(&mut self) {
-        let size = self.bounds[1] - self.bounds[0];
+impl Grid {
+    /// `None` over a line or a point, which have no plane to lay it in.
+    fn new(bounds: Corners, count: usize) -> Option<Self> {
+        let size = bounds[1] - bounds[0];
         let sides = if size.min_element() == size.y {
             [0, 2]
         } else if size.min_element() == size.x {
@@ -65,42 +53,29 @@ impl PartBoxes {
         } else {
             [0, 1]
         };
-        let (start, extent) = (flat(sides, self.bounds[0]), flat(sides, size));
-        let square = (extent.x * extent.y * TRIANGLES / self.count as f32).sqrt();
+        let (start, extent) = (flat(sides, bounds[0]), flat(sides, size));
+        let square = (extent.x * extent.y * TRIANGLES / count as f32).sqrt();
         let most = UVec2::splat(MAX_PER_SIDE);
         let cells = (extent / square).ceil().as_uvec2().clamp(UVec2::ONE, most);
-        // A line or a point has no plane to lay it in.
-        self.grid = (square > 0.0 && square.is_finite()).then_some(Grid {
+        (square > 0.0 && square.is_finite()).then_some(Self {
             sides,
             start,
             extent,
             cells,
-        });
-        let parts = self.grid.map_or(1, |grid| grid.cells.x * grid.cells.y);
-        self.found = vec![NOTHING; parts as usize];
+        })
     }
 
-    /// Puts a triangle into the box of its part.
-    pub fn sort_in(&mut self, triangle: [Vec3; 3]) {
-        if !is_finite(&triangle) {
-            return;
-        }
-        let index = self.grid.map_or(0, |grid| {
-            let middle = flat(grid.sides, triangle.iter().sum::<Vec3>() / 3.0);
-            let share = (middle - grid.start) / grid.extent;
-            let cell = (share * grid.cells.as_vec2())
-                .as_uvec2()
-                .min(grid.cells - 1);
-            cell.y * grid.cells.x + cell.x
-        });
-        let part = &mut self.found[index as usize];
-        *part = grown(*part, triangle);
+    fn parts(&self) -> usize {
+        (self.cells.x * self.cells.y) as usize
     }
 
-    /// The boxes.
-    pub fn finish(mut self) -> Vec<Corners> {
-        self.found.retain(|part| *part != NOTHING);
-        self.found
+    fn part_of(&self, triangle: &[Vec3; 3]) -> usize {
+        let middle = flat(self.sides, triangle.iter().sum::<Vec3>() / 3.0);
+        let share = (middle - self.start) / self.extent;
+        let cell = (share * self.cells.as_vec2())
+            .as_uvec2()
+            .min(self.cells - 1);
+        (cell.y * self.cells.x + cell.x) as usize
     }
 }
 

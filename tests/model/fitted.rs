@@ -9,7 +9,7 @@ use bevy_pssm::{
         fit::LookupReach,
         hysteresis::{Hold, Kept, SHRINK_DELAY, Slack},
         light_frame::LightFrame,
-        mesh_boxes::{Corners, PartBoxes},
+        mesh_boxes::part_boxes,
         oriented_box::OrientedBox,
         receivers::{Extent, Receivers},
         slice::{Depth, Slice, ViewVolume},
@@ -718,14 +718,6 @@ fn what_shrank_at_once_grows_back_to_what_it_was() {
     assert!(grown < 0.6 * wide, "{grown}, as long as {wide}");
     let (wide, grown) = grown_after(Hold::LONG.recall, 70.0);
     assert!(grown < 0.9 * wide, "{grown}, as long as {wide}");
-}
-
-fn part_boxes<I: Iterator<Item = [Vec3; 3]>>(triangles: impl Fn() -> I) -> Vec<Corners> {
-    let mut boxes = PartBoxes::default();
-    triangles().for_each(|triangle| boxes.measure(triangle));
-    boxes.lay_grid();
-    triangles().for_each(|triangle| boxes.sort_in(triangle));
-    boxes.finish()
 }
 
 /// Over flat ground.

@@ -1,5 +1,8 @@
 //! What counts as receiving shadows, in an app.
 
+use core::time::Duration;
+use std::thread;
+
 use bevy::{
     asset::RenderAssetUsages,
     camera::{
@@ -245,16 +248,16 @@ fn terrain(subdivisions: u32) -> Mesh {
     mesh
 }
 
-/// The parts of a mesh too large for one frame are known some frames later; until then its own box
-/// counts, and nothing stalls.
+/// The parts of a huge mesh are worked out beside the game; until they are known its own box counts, and nothing
+/// stalls.
 #[test]
-fn parts_of_huge_meshes_are_worked_out_over_several_frames() {
+fn parts_of_huge_meshes_are_worked_out_beside_the_game() {
     for usage in [RenderAssetUsages::all(), RenderAssetUsages::RENDER_WORLD] {
-        parts_are_known_some_frames_later(usage);
+        parts_are_known_some_time_later(usage);
     }
 }
 
-fn parts_are_known_some_frames_later(usage: RenderAssetUsages) {
+fn parts_are_known_some_time_later(usage: RenderAssetUsages) {
     let mut setting = Setting::new(NotShadowReceiver);
     let (view, world) = (setting.view, setting.app.world_mut());
     let down = Transform::from_xyz(0.0, 60.0, 0.0).looking_to(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
@@ -284,9 +287,11 @@ fn parts_are_known_some_frames_later(usage: RenderAssetUsages) {
         let taken = meshes.get_mut_untracked(huge).map(Mesh::take_gpu_data);
         assert!(matches!(taken, Some(Ok(_))));
     }
-    let frames = (1..60).find(|_| first_far(&mut setting) > 60.0);
-    let frames = frames.expect("parts are known in the end");
-    assert!((4..30).contains(&frames), "{frames}");
+    let are_known = (0..1000).any(|_| {
+        thread::sleep(Duration::from_millis(10));
+        first_far(&mut setting) > 60.0
+    });
+    assert!(are_known, "parts are known in the end");
 }
 
 /// However flat or sheared a mesh is, and however large its margin, it receives shadows.
