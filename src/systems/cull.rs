@@ -24,7 +24,9 @@ use super::{
     caster_cascades::cascades_of,
     casters::{Caster, Culling, IsCaster, cull, maps_where},
     moving::MovingCasters,
-    publish::{PublishedCascades, PublishedCascadesItem, empty_cascade, published_cascade},
+    publish::{
+        PublishedCascades, PublishedCascadesItem, empty_cascade, publish_alike, published_cascade,
+    },
 };
 use crate::{
     config::{CasterCulling, MapUpdates},
@@ -72,7 +74,8 @@ pub fn cull_casters(
         it.casters.added.retain(|view, _| is_planned(view));
         it.casters.moving.retain(|view, _| is_planned(view));
         let views = &it.plans.views;
-        it.published.show(|view| views.contains_key(&view));
+        let host_of = |view| shared.host_of(view).unwrap_or(view);
+        it.published.show(|view| views.contains_key(&host_of(view)));
         let PublishedCascadesItem {
             cascades,
             frusta,
@@ -221,14 +224,11 @@ pub fn cull_casters(
         }
         // What is published for a camera that looks up another one's maps: those, and nothing to draw.
         for (guest, host) in shared.pairs() {
-            let (Some(published), Some(of_host)) = (
-                cascades.cascades.get(&host).cloned(),
-                frusta.frusta.get(&host).cloned(),
-            ) else {
+            if !publish_alike(&mut cascades.cascades, guest, host)
+                || !publish_alike(&mut frusta.frusta, guest, host)
+            {
                 continue;
-            };
-            cascades.cascades.insert(guest, published);
-            frusta.frusta.insert(guest, of_host);
+            }
             let lists = lists.entities.entry(guest).or_default();
             lists.clear();
             lists.resize_with(count, VisibleMeshEntities::default);

@@ -205,8 +205,8 @@ pub fn plan_shadows(
     views.clear();
     for it in active().filter(|it| shared.host_of(it.entity).is_none()) {
         let layers = layers_of(it.layers);
-        let guests = cameras.iter_many(shared.guests_of(it.entity)).flatten();
-        let guests: Vec<_> = guests.collect();
+        let guests = || cameras.iter_many(shared.guests_of(it.entity)).flatten();
+        let has_guests = guests().next().is_some();
         let meeting = || shining(&lights, &layers);
         let far = meeting()
             .map(|config| f64::from(config.far))
@@ -216,7 +216,7 @@ pub fn plan_shadows(
             _ if meeting().next().is_none() => View::Unlit,
             None => View::Degenerate,
             Some(volume) => {
-                let all = || guests.iter().chain([&it]);
+                let all = || guests().chain(cameras.get(it.entity));
                 let heights = all().filter_map(|it| it.camera.physical_viewport_size());
                 let height = heights.map(|size| size.y).max().unwrap_or(1);
                 let is_focused =
@@ -240,12 +240,12 @@ pub fn plan_shadows(
                     let receivers = if is_focused {
                         // Of what several cameras see, each once.
                         let mut once = Vec::new();
-                        if !guests.is_empty() {
+                        if has_guests {
                             once.clone_from(&visible);
                             once.sort_unstable();
                             once.dedup();
                         }
-                        let once = if guests.is_empty() { &visible } else { &once };
+                        let once = if has_guests { &once } else { &visible };
                         let assets = assets.as_deref();
                         receivers(&volume, far, &meshes, once, assets, &mut parts, &displaced)
                     } else {

@@ -64,6 +64,20 @@ impl PublishedCascadesItem<'_, '_> {
     }
 }
 
+/// Publishes for a guest what is published for its host. Whether there is any.
+pub(super) fn publish_alike<T: Clone>(
+    published: &mut EntityHashMap<Vec<T>>,
+    guest: Entity,
+    host: Entity,
+) -> bool {
+    let Some(of_host) = published.remove(&host) else {
+        return false;
+    };
+    published.entry(guest).or_default().clone_from(&of_host);
+    published.insert(host, of_host);
+    true
+}
+
 /// A plan in the terms of Bevy's component.
 pub(super) fn published_cascade(plan: &CascadePlan) -> Cascade {
     plan.map.as_ref().map_or_else(empty_cascade, |map| Cascade {
