@@ -13,8 +13,6 @@ pub struct Kept<T> {
     frames_too_large: u32,
     /// How often it has grown since it last had time to shrink.
     growths: u32,
-    /// What it was before it shrank at once, and how many frames ago.
-    former: Option<(T, u32)>,
     hold: Hold,
 }
 
@@ -30,8 +28,6 @@ pub struct Hold {
     /// Steps that something which keeps growing is made larger than needed, so that it grows less
     /// often: one the first time, then one more, up to this.
     pub headroom: u32,
-    /// Frames for which it is known how large something was before it shrank at once: that is what it grows to.
-    pub recall: u32,
 }
 
 impl Hold {
@@ -41,7 +37,6 @@ impl Hold {
         steps: 4.0,
         margin: 0.0,
         headroom: 0,
-        recall: 0,
     };
 
     /// Ten seconds at 60 frames per second, for what is to change as seldom as can be.
@@ -50,7 +45,6 @@ impl Hold {
         steps: 7.0,
         margin: 0.5,
         headroom: 3,
-        recall: 600,
     };
 
     /// With so large a `step` that what has headroom is no more than about twice too large.
@@ -153,7 +147,6 @@ impl<T> Kept<T> {
             value: None,
             frames_too_large: 0,
             growths: 0,
-            former: None,
             hold,
         }
     }
@@ -177,8 +170,6 @@ impl<T: Copy> Kept<T> {
         let Some(value) = self.value else {
             return *self.value.insert(needed(0.0));
         };
-        let former = self.former.filter(|(_, age)| *age < hold.recall);
-        self.former = former.map(|(former, age)| (former, age + 1));
         let mut headroom = 0;
         if suffices(value) {
             let steps = steps_too_large(value);
@@ -192,17 +183,10 @@ impl<T: Copy> Kept<T> {
                     return value;
                 }
                 self.growths = 0;
-            } else if former.is_none_or(|(former, _)| steps_too_large(former) <= steps) {
-                self.former = Some((value, 0));
             }
         } else {
             self.growths = hold.headroom.min(self.growths + 1);
             headroom = self.growths;
-            let serves = |former| suffices(former) && steps_too_large(former) <= hold.steps;
-            if let Some((former, _)) = former.filter(|(former, _)| serves(*former)) {
-                self.frames_too_large = 0;
-                return *self.value.insert(former);
-            }
         }
         self.frames_too_large = 0;
         *self.value.insert(needed(f64::from(headroom)))

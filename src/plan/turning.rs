@@ -1,11 +1,12 @@
 //! Whether a view keeps turning quickly: maps with more to spare are then drawn less often.
 
-use crate::geometry::{hysteresis::Hold, slice::ViewVolume};
+use crate::geometry::{hysteresis::Hold, light_frame::angle_between, slice::ViewVolume};
 
 /// Of the angle that a view has turned by, what still counts after a frame.
 const KEPT: f64 = 0.992;
 
-/// A view turns quickly from so much on (radians): a degree per frame that is kept up, or more than a look behind.
+/// A view turns quickly from so much on (radians): eight tenths of a degree per frame that are kept up, or a good
+/// deal more than a right angle at once.
 const QUICK: f64 = 1.75;
 
 /// It does so no more below this.
@@ -27,7 +28,7 @@ impl Turning {
         let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
             return false;
         };
-        let turned = before.angle_between(now);
+        let turned = angle_between(before, now);
         self.angle = KEPT * self.angle + turned;
         if turned == 0.0 && self.angle < SLOW {
             // At rest, nothing changes any more.

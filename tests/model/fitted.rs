@@ -699,27 +699,6 @@ fn what_keeps_growing_changes_seldom() {
     assert!(lengths.len() <= 12, "{lengths:?}");
 }
 
-/// What has shrunk at once grows back to what it was, unless that is long ago or much more than is needed.
-#[test]
-fn what_shrank_at_once_grows_back_to_what_it_was() {
-    let slack = Slack(0.1);
-    let grown_after = |frames: u32, needed: f64| {
-        let mut held = Kept::with(Hold::LONG);
-        let wide = slack.round_up(100.0, &mut held);
-        let narrow = slack.round_up(20.0, &mut held);
-        for _ in 0..frames {
-            assert_eq!(slack.round_up(20.0, &mut held), narrow);
-        }
-        (wide, slack.round_up(needed, &mut held))
-    };
-    let (wide, grown) = grown_after(60, 70.0);
-    assert_eq!(grown, wide);
-    let (wide, grown) = grown_after(60, 30.0);
-    assert!(grown < 0.6 * wide, "{grown}, as long as {wide}");
-    let (wide, grown) = grown_after(Hold::LONG.recall, 70.0);
-    assert!(grown < 0.9 * wide, "{grown}, as long as {wide}");
-}
-
 /// Over flat ground.
 fn ground(eye: f64, pitch: f32) -> Scene {
     Scene {

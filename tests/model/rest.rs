@@ -48,7 +48,7 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn frames_at_rest_allocate_nothing() {
-    // Alone, beside another one, and beside one whose maps it looks up.
+    // Alone, beside another one, and beside one whose maps it looks up; all have turned before.
     for turns in [&[0.0][..], &[0.0, 0.5], &[0.0, 0.0]] {
         rests_without_allocations(turns);
     }
@@ -57,10 +57,12 @@ fn frames_at_rest_allocate_nothing() {
 /// `turns`: of each camera (radians).
 fn rests_without_allocations(turns: &[f32]) {
     let mut app = app();
+    let mut views = Vec::new();
     for turn in turns {
         let view = camera(&mut app);
         let mut at = app.world_mut().get_mut::<Transform>(view).unwrap();
         at.rotate_y(*turn);
+        views.push(view);
     }
     let lights = [(); 2].map(|()| sun(&mut app, ParallelSplitShadows::default()));
     let side = 100;
@@ -74,7 +76,13 @@ fn rests_without_allocations(turns: &[f32]) {
         )
     });
     app.world_mut().spawn_batch(boxes.collect::<Vec<_>>());
-    for _ in 0..700 {
+    for frame in 0..800 {
+        if frame < 100 {
+            for view in &views {
+                let mut at = app.world_mut().get_mut::<Transform>(*view).unwrap();
+                at.rotate_y(1.5_f32.to_radians());
+            }
+        }
         app.update();
     }
     let world = app.world_mut();
