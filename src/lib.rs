@@ -48,8 +48,8 @@
 //!   lights, or maps for so many cameras, that slots or texture layers run out, the plugin says
 //!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
 //! - GPUs without `DEPTH_CLIP_CONTROL` get tight maps where warped ones are asked for.
-//! - Other crates' passes find neither `ShadowView`s nor entries in `ViewLightEntities` for maps while a light is
-//!   managed. What draws into those adds its system to [`DrawShadowMap`], after
+//! - Other crates' passes find neither `ShadowView`s nor entries in cameras' `ViewLightEntities` for maps while a
+//!   light is managed. What draws into those adds its system to [`DrawShadowMap`], after
 //!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
 //!   an attachment, and whose [`size`](AdoptedMap::size) its viewport keeps to, for a layer may be larger. The
 //!   light wants [`ShadowUpdates::Always`]. One warning names each system that still looks for them.

@@ -1,6 +1,6 @@
 //! Counts of shadow passes. Bevy's own pass records none, and rebuilds its draws view by view,
 //! so that nothing can be drawn after it: its views are drawn as root views instead, into the
-//! same maps, as the plugin draws its own, with a span that counts. For one camera only, since
+//! same maps, with a span that counts. For one camera only, since
 //! cameras share Bevy's maps in turn.
 
 #![allow(dead_code, reason = "shared by several binaries")]
@@ -22,7 +22,7 @@ use bevy::{
         view::ExtractedView,
     },
 };
-use bevy_pssm::render::{AdoptedMap, PssmRenderSystems, SHADOW_PASS_SPAN};
+use bevy_pssm::render::{PssmRenderSystems, SHADOW_PASS_SPAN};
 
 const STOCK_SPAN: &str = "builtin_shadow_map";
 /// Bevy's name for opaque and masked surfaces' pass.
@@ -61,14 +61,13 @@ fn take_stock_views(
     mut commands: Commands,
     mut cameras: Query<&mut ViewLightEntities>,
     views: Query<&ShadowView>,
-    counted: Query<(Entity, Has<AdoptedMap>), With<Counted>>,
+    counted: Query<Entity, With<Counted>>,
 ) {
-    // The plugin's views are root views too.
-    for (view, adopted) in &counted {
-        commands.entity(view).remove::<Counted>();
-        if !adopted {
-            commands.entity(view).remove::<RootNonCameraView>();
-        }
+    // The plugin may have taken them over.
+    for view in &counted {
+        commands
+            .entity(view)
+            .remove::<(Counted, RootNonCameraView)>();
     }
     for mut camera in &mut cameras {
         for (index, view) in camera.lights.drain(..).enumerate() {

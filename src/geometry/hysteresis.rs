@@ -55,6 +55,7 @@ impl Hold {
         let doublings = core::f64::consts::LN_2 / step.ln();
         Self {
             steps: self.steps.min(doublings.max(1.0)),
+            margin: self.margin.min(0.5 * doublings.max(1.0)),
             headroom: self.headroom.min((0.5 * doublings) as u32),
             ..self
         }
@@ -97,8 +98,8 @@ impl Slack {
         }
         let step = 1.0 + self.0;
         let steps = side * needed.ln() / step.ln();
-        let least = (steps - ROUNDING + kept.hold.margin).ceil();
         let hold = kept.hold.within(step);
+        let least = (steps - ROUNDING + hold.margin).ceil();
         let rounded = step.powf(side * least);
         let too_large = |value: f64| side * (value / rounded).ln();
         kept.update(

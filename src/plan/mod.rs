@@ -177,7 +177,7 @@ impl PlanHistory {
                 ..Hold::LONG
             });
             for cascade in &mut history.cascades {
-                cascade.extent = [Kept::with(history.turning.hold()); 2];
+                cascade.extent = [Kept::with(Hold::LONG); 2];
                 cascade.size = [Kept::with(Hold::LONG); 2];
             }
         }
@@ -229,14 +229,8 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
                 view: Some(view),
                 ..PlanHistory::new(config)
             };
-        } else if history.turning.follow(&last, &view)
-            && config.fit.any(|fit| fit == MapFit::Steady)
-        {
-            let held = Kept::with(history.turning.hold());
-            history
-                .cascades
-                .iter_mut()
-                .for_each(|it| it.extent = [held; 2]);
+        } else {
+            history.follow_turn(&last, &view);
         }
     }
     let range = layout::split_range(inputs, &mut history.kept_range);

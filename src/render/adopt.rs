@@ -1,5 +1,5 @@
-//! Taking over the views whose maps share Bevy's array texture: each gets a layer of the target
-//! which [`shadow_map_pass`](super::shadow_map_pass) draws.
+//! Taking over the views whose maps share Bevy's array texture: each gets a layer of the target, into
+//! which [`shadow_map_pass`](super::shadow_map_pass) draws it.
 
 use bevy::{
     camera::visibility::RenderLayers,

@@ -91,7 +91,6 @@ pub(crate) fn build(app: &mut App) {
         .init_gpu_resource::<hold::DrawnMaps>()
         .init_resource::<added::AddedViews>()
         .init_resource::<moving::MovingViews>()
-        .init_resource::<pass::MapsRoot>()
         .add_systems(
             ExtractSchedule,
             (

@@ -5,12 +5,11 @@ use bevy::{
     ecs::{
         entity::Entity,
         query::With,
-        resource::Resource,
         schedule::{
             IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel,
             common_conditions::resource_exists,
         },
-        system::{Commands, Query, Res, ResMut, ScheduleSystem},
+        system::{Commands, Query, Res, ScheduleSystem},
         world::World,
     },
     log::error,
@@ -26,6 +25,7 @@ use bevy::{
             TextureView,
         },
         renderer::{CurrentView, RenderContext, ViewQuery},
+        sync_world::TemporaryRenderEntity,
         view::ExtractedView,
     },
 };
@@ -101,18 +101,14 @@ fn schedule<M>(
     schedule
 }
 
-/// The root that all maps of a frame are drawn from: Bevy then preprocesses what is in them together.
-#[derive(Resource, Default)]
-pub(super) struct MapsRoot(Option<Entity>);
-
-/// Collects the views that draw in this frame: maps' own, then what is added to a map, then what moves in it.
+/// Makes the root that all maps of the frame are drawn from, so that Bevy preprocesses what is in them together: maps' own
+/// views, or those of what is added, each followed by the one of what moves over it.
 pub(super) fn collect_drawn_views(
     mut commands: Commands,
     maps: Query<(Entity, &LightEntity), With<AdoptedMap>>,
     drawn: Res<DrawnMaps>,
     added: Res<AddedViews>,
     moving: Res<MovingViews>,
-    mut root: ResMut<MapsRoot>,
 ) {
     let mut lights = Vec::new();
     for (map, light) in &maps {
@@ -126,19 +122,12 @@ pub(super) fn collect_drawn_views(
         }
         lights.extend(moving.drawn_view(map));
     }
-    let mut root = match root.0 {
-        Some(root) => commands.entity(root),
-        None => {
-            let spawned = commands.spawn_empty();
-            root.0 = Some(spawned.id());
-            spawned
-        }
-    };
-    if lights.is_empty() {
-        root.remove::<(RootNonCameraView, ViewLightEntities)>();
-    } else {
-        let label = RootNonCameraView(DrawShadowMaps.intern());
-        root.insert((label, ViewLightEntities { lights }));
+    if !lights.is_empty() {
+        commands.spawn((
+            RootNonCameraView(DrawShadowMaps.intern()),
+            ViewLightEntities { lights },
+            TemporaryRenderEntity::default(),
+        ));
     }
 }
 

@@ -226,6 +226,7 @@ pub fn cull_casters(
         for (guest, host) in shared.pairs() {
             if !publish_alike(&mut cascades.cascades, guest, host)
                 || !publish_alike(&mut frusta.frusta, guest, host)
+                || !casts
             {
                 continue;
             }

@@ -152,6 +152,15 @@ fn maps_have_more_to_spare_while_a_view_keeps_turning() {
         let redraws = reasons(&walker.plan(&nothing));
         assert!(redraws.iter().all(Option::is_none), "{redraws:?}");
     }
+    // Large steps are few.
+    for slack in [0.5, 1.0] {
+        let mut walker = Walker::new(CascadeFit::Steady);
+        walker.config.slack = slack;
+        let before = texel(&walker.plan(&nothing));
+        let texels = turn(&mut walker, 1.5, 300);
+        let most = texels.into_iter().fold(0.0, f64::max) / before;
+        assert!(most < 2.01, "{most} times with a slack of {slack}");
+    }
     let on = |walker: &mut Walker| walker.yaw += 1.5_f32.to_radians();
     let mut walker = Walker::new(CascadeFit::Steady);
     let [[first, _], _, [then, _]] = [60, 60, 480].map(|frames| walker.shares_drawn(frames, on));

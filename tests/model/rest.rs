@@ -76,8 +76,8 @@ fn rests_without_allocations(turns: &[f32]) {
         )
     });
     app.world_mut().spawn_batch(boxes.collect::<Vec<_>>());
-    for frame in 0..800 {
-        if frame < 100 {
+    for frame in 0..900 {
+        if frame < 200 {
             for view in &views {
                 let mut at = app.world_mut().get_mut::<Transform>(*view).unwrap();
                 at.rotate_y(1.5_f32.to_radians());

@@ -9,7 +9,7 @@ use bevy::{
     light::NotShadowCaster,
     pbr::{LightEntity, ViewLightEntities},
     prelude::*,
-    render::RenderApp,
+    render::{Render, RenderApp, RenderSystems, view::ExtractedView},
 };
 use bevy_pssm::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
 use image::RgbaImage;
@@ -24,6 +24,10 @@ fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(config);
     stage.camera();
+    let render_app = stage.headless.app.sub_app_mut(RenderApp);
+    render_app
+        .init_resource::<DrawnViews>()
+        .add_systems(Render, note_drawn_views.in_set(RenderSystems::Prepare));
     stage.headless.settle();
     // Until maps are known to be whole.
     for _ in 0..4 {
@@ -32,42 +36,54 @@ fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
     (stage, sun)
 }
 
+/// The views that the last frame drew, in order: whether they are maps' own, and of which light's cascade.
+#[derive(Resource, Default)]
+struct DrawnViews(Vec<(bool, (Entity, usize))>);
+
+fn note_drawn_views(
+    roots: Query<(Entity, Option<&ViewLightEntities>), With<RootNonCameraView>>,
+    views: Query<(&LightEntity, Has<AdoptedMap>), With<ExtractedView>>,
+    mut drawn: ResMut<DrawnViews>,
+) {
+    drawn.0.clear();
+    for (root, lights) in &roots {
+        // None is drawn twice.
+        assert!(views.get(root).is_err(), "{root} is a map's view");
+        let views = views.iter_many(lights.iter().flat_map(|it| &it.lights));
+        drawn
+            .0
+            .extend(views.flatten().filter_map(|(light, is_own)| {
+                let LightEntity::Directional {
+                    light_entity,
+                    cascade_index,
+                } = *light
+                else {
+                    return None;
+                };
+                Some((is_own, (light_entity, cascade_index)))
+            }));
+    }
+}
+
+fn drawn_views(stage: &Stage) -> &[(bool, (Entity, usize))] {
+    let world = stage.headless.app.sub_app(RenderApp).world();
+    &world.resource::<DrawnViews>().0
+}
+
 /// How many maps of what rests the last frame drew.
 fn drawn(stage: &mut Stage) -> usize {
-    drawn_views(stage)
-        .iter()
-        .filter(|(is_own, _)| *is_own)
-        .count()
+    let own = drawn_views(stage).iter().filter(|(is_own, _)| *is_own);
+    own.count()
 }
 
 /// Into how many that were held it drew something.
 fn drawn_over(stage: &mut Stage) -> usize {
-    let views = drawn_views(stage);
     let mut before = None;
-    let mut over = 0;
-    for (is_own, light) in views {
-        over += usize::from(!is_own && before != Some(light));
-        before = Some(light);
-    }
-    over
-}
-
-/// The views that the last frame drew, in order: whether they are maps' own, and of which light's cascade.
-fn drawn_views(stage: &mut Stage) -> Vec<(bool, (Entity, usize))> {
-    let render_app = stage.headless.app.sub_app_mut(RenderApp);
-    let world = render_app.world_mut();
-    let mut roots = world.query_filtered::<&ViewLightEntities, With<RootNonCameraView>>();
-    let views = roots.iter(world).flat_map(|root| &root.lights);
-    let cascade = |view: Entity| match world.get(view)? {
-        LightEntity::Directional {
-            light_entity,
-            cascade_index,
-        } => Some((*light_entity, *cascade_index)),
-        _ => None,
-    };
-    views
-        .filter_map(|view| Some((world.get::<AdoptedMap>(*view).is_some(), cascade(*view)?)))
-        .collect()
+    let over = drawn_views(stage).iter().filter(|(is_own, map)| {
+        let is_first = before.replace(*map) != Some(*map);
+        is_first && !is_own
+    });
+    over.count()
 }
 
 fn blocks(stage: &mut Stage) -> Vec<Entity> {
