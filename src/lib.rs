@@ -58,7 +58,7 @@
 //!   system of the game draws something in its place, as above. As a receiver it wants
 //!   [`ShadowFocus::Off`].
 //! - Shaders that read the light uniform by themselves: while a light is managed, each map fills a corner
-//!   of its layer, and layers are as large as the largest map. Of managed lights, `texel_size` is -1,
+//!   of its layer, and layers are as large as the largest map. Of managed lights,
 //!   `cascades_overlap_proportion` is no share, and `far_bound` has the splits as configured, where fitted
 //!   slices may end elsewhere. Bevy's shadow functions (`fetch_directional_shadow` and so on) know that.
 //! - Opaque materials whose own fragment shader discards want `AlphaMode::Mask`: next to discarded

@@ -20,8 +20,8 @@ const QUICK: f64 = 1.75;
 /// It does so no more below this.
 const SLOW: f64 = 0.2;
 
-/// Steps that the extent of a steady map then has to spare beyond what it always has.
-const MARGIN: f64 = 2.5;
+/// Steps that the extent of a steady map then has to spare at least.
+const MARGIN: f64 = 3.0;
 
 /// How much a view has turned of late (radians).
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
@@ -47,12 +47,15 @@ impl Turning {
         self.is_quick != was_quick
     }
 
-    /// How the extents of steady maps are held: no longer than without, whatever they have to spare.
+    /// How the extents of steady maps are held.
     fn hold(&self) -> Hold {
-        let more = if self.is_quick { MARGIN } else { 0.0 };
+        let margin = if self.is_quick {
+            MARGIN
+        } else {
+            Hold::LONG.margin
+        };
         Hold {
-            margin: Hold::LONG.margin + more,
-            steps: Hold::LONG.steps - more,
+            margin,
             ..Hold::LONG
         }
     }

@@ -249,8 +249,7 @@ impl Adoptable<'_, '_> {
         target: &mut ShadowTarget,
         layout: LayerLayout,
     ) {
-        let texture = target.resize(device, layout.size, layout.layers).clone();
-        let array = ShadowTarget::array_view(&texture);
+        let (texture, array) = target.resize(device, layout.size, layout.layers).clone();
         for mut camera in &mut self.cameras {
             camera.bindings.directional_light_depth_texture = texture.clone();
             camera.bindings.directional_light_depth_texture_view = array.clone();

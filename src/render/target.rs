@@ -21,7 +21,8 @@ const SHRINK_DELAY: u32 = 60;
 /// The depth array that holds all maps.
 #[derive(Resource, Debug, Default)]
 pub struct ShadowTarget {
-    texture: Option<Texture>,
+    /// And all its layers at once, for the shader.
+    texture: Option<(Texture, TextureView)>,
     layers: Vec<TextureView>,
     /// By layer: what rests in maps in which something moves.
     apart: HashMap<u32, Apart>,
@@ -74,7 +75,7 @@ impl ShadowTarget {
 
     /// Copies what rests into a layer: all of it, as WebGPU copies depth.
     pub(super) fn copy_from_apart(&self, encoder: &mut CommandEncoder, layer: u32) {
-        let (Some(texture), Some(apart)) = (&self.texture, self.apart.get(&layer)) else {
+        let (Some((texture, _)), Some(apart)) = (&self.texture, self.apart.get(&layer)) else {
             return;
         };
         let mut to = texture.as_image_copy();
@@ -104,18 +105,13 @@ impl ShadowTarget {
         self.texture.is_some()
     }
 
-    /// All layers at once, for the shader.
-    pub(super) fn array_view(texture: &Texture) -> TextureView {
-        texture.create_view(&TextureViewDescriptor {
-            label: Some("pssm_shadow_map_array"),
-            dimension: Some(TextureViewDimension::D2Array),
-            aspect: TextureAspect::DepthOnly,
-            ..Default::default()
-        })
-    }
-
     /// Makes it hold so many layers of a size.
-    pub(super) fn resize(&mut self, device: &RenderDevice, size: UVec2, layers: u32) -> &Texture {
+    pub(super) fn resize(
+        &mut self,
+        device: &RenderDevice,
+        size: UVec2,
+        layers: u32,
+    ) -> &(Texture, TextureView) {
         let present = self.layers.len() as u32;
         self.frames_too_many = if present > layers {
             self.frames_too_many + 1
@@ -136,7 +132,8 @@ impl ShadowTarget {
             *views = (0..layers)
                 .map(|layer| layer_view(&texture, layer))
                 .collect();
-            texture
+            let array = array_view(&texture);
+            (texture, array)
         })
     }
 }
@@ -158,6 +155,15 @@ fn depth_array(device: &RenderDevice, label: &str, size: UVec2, layers: u32) -> 
             | TextureUsages::COPY_SRC
             | TextureUsages::COPY_DST,
         view_formats: &[],
+    })
+}
+
+fn array_view(texture: &Texture) -> TextureView {
+    texture.create_view(&TextureViewDescriptor {
+        label: Some("pssm_shadow_map_array"),
+        dimension: Some(TextureViewDimension::D2Array),
+        aspect: TextureAspect::DepthOnly,
+        ..Default::default()
     })
 }
 

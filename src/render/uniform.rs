@@ -51,6 +51,7 @@ mod layout {
     pub const DIR_TO_LIGHT: usize = 336;
     /// Followed by the other bias.
     pub const SHADOW_DEPTH_BIAS: usize = 356;
+    /// Followed by the first of its layers.
     pub const OVERLAP: usize = 368;
     pub const BASE_INDEX: usize = 372;
 }
@@ -99,24 +100,19 @@ pub(super) fn write_uniforms(
         let mut managed = 0;
         for light in &adopted.lights {
             let index = light.index as usize;
-            lights.write(index, layout::BASE_INDEX, &light.base_layer.to_ne_bytes());
+            let base_layer = light.base_layer.to_ne_bytes();
             if !light.is_managed() {
+                lights.write(index, layout::BASE_INDEX, &base_layer);
                 continue;
             }
             if managed == slots.len() {
                 slots.push([0.0; layout::LIGHT / 4]);
             }
             fill_slot(&mut slots[managed], light, is_drawn, &drawn);
-            for cascade in 0..light.cascades.len() {
-                // Bevy's texel sizes are positive: the sign tells the shader whose light it is.
-                let field = cascade * layout::CASCADE + layout::TEXEL_SIZE;
-                lights.write(index, field, &(-1.0_f32).to_ne_bytes());
-            }
-            lights.write(
-                index,
-                layout::OVERLAP,
-                &((last - managed) as f32).to_ne_bytes(),
-            );
+            // What is no share tells the shader whose light it is, and where its slot is.
+            let overlap = -1.0 - (last - managed) as f32;
+            let fields = [overlap.to_ne_bytes(), base_layer];
+            lights.write(index, layout::OVERLAP, fields.as_flattened());
             managed += 1;
         }
         for (position, slot) in slots.iter().enumerate() {
