@@ -378,12 +378,13 @@ fn spent_by_bevy() -> Duration {
     };
     // Brings the account of the running thread up to date.
     thread::yield_now();
-    match fs::read_dir("/proc/self/task") {
-        Ok(threads) => {
-            let threads = threads.flatten().filter(is_bevys);
-            threads.filter_map(spent).map(Duration::from_nanos).sum()
-        }
-        Err(_) => START.elapsed(),
+    let threads = fs::read_dir("/proc/self/task").into_iter().flatten();
+    let spent = threads.flatten().filter(is_bevys).filter_map(spent);
+    let spent: Duration = spent.map(Duration::from_nanos).sum();
+    if spent.is_zero() {
+        START.elapsed()
+    } else {
+        spent
     }
 }
 

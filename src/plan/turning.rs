@@ -13,8 +13,8 @@ use crate::{
 /// Of the angle that a view has turned by, what still counts after a frame.
 const KEPT: f64 = 0.992;
 
-/// A view turns quickly from so much on (radians): eight tenths of a degree per frame that are kept up, or a good
-/// deal more than a right angle within few frames.
+/// A view turns quickly from so much on (radians): eight tenths of a degree per frame that are kept up, or more
+/// than a right angle within few frames.
 const QUICK: f64 = 1.75;
 
 /// It does so no more below this.

@@ -21,7 +21,7 @@ const SHRINK_DELAY: u32 = 60;
 /// The depth array that holds all maps.
 #[derive(Resource, Debug, Default)]
 pub struct ShadowTarget {
-    /// And all its layers at once, for the shader.
+    /// The array, and a view of all its layers, for the shader.
     texture: Option<(Texture, TextureView)>,
     layers: Vec<TextureView>,
     /// By layer: what rests in maps in which something moves.

@@ -120,7 +120,7 @@ fn while_a_camera_moves_few_maps_are_drawn() {
 }
 
 /// A view that keeps turning quickly has somewhat larger maps after a while, which are drawn less often, until it has rested
-/// for some seconds. One that turns slowly, or looks behind once, has not.
+/// for some seconds. One that turns slowly, or once by a right angle, has not.
 #[test]
 fn maps_have_more_to_spare_while_a_view_keeps_turning() {
     let nothing = CasterChanges::At(Vec::new());

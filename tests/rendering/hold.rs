@@ -46,6 +46,9 @@ fn note_drawn_views(
     mut drawn: ResMut<DrawnViews>,
 ) {
     drawn.0.clear();
+    // None of an earlier frame is left.
+    let of_maps = roots.iter().filter(|(_, lights)| lights.is_some());
+    assert!(of_maps.count() <= 1);
     for (root, lights) in &roots {
         // None is drawn twice.
         assert!(views.get(root).is_err(), "{root} is a map's view");
