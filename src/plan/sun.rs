@@ -14,9 +14,16 @@ const CUT: f64 = 0.1;
 /// Directions are as good as the same (radians).
 const ROUNDING: f64 = 1e-12;
 
-/// Maps that follow a sun go so far beyond it (share of a step): less than it may be off by, or they would come
-/// back as it rests.
-const BEYOND: f64 = 0.4;
+/// A map waits until it is off by so much (share of its step), then goes so far beyond the sun: less than it may
+/// be off by, or it would come back as the sun rests.
+const LATE: f64 = 0.6;
+const BEYOND: f64 = 0.5;
+
+/// A step may move the shadow of what is so high (meters) by a texel: coarse maps go in larger steps, up to so
+/// many times what is asked for, and no larger than so (radians).
+const HEIGHT: f64 = 10.0;
+const LARGEST: f64 = 4.0;
+const LIMIT: f64 = 1.0_f64.to_radians();
 
 /// The light's frame that a cascade's map is laid in.
 #[derive(Debug, Default, Clone, PartialEq)]
@@ -125,34 +132,46 @@ fn ahead(from: DVec3, to: DVec3, error: f64, beyond: f64) -> DVec3 {
     DQuat::from_axis_angle(axis, error + beyond) * from
 }
 
-/// Which cascades follow the sun in this frame, and how far beyond it (radians): those off by more than half
-/// a step, the farthest first and no other in the same frame, unless it is off by a whole one.
+/// The step in which a map follows the sun (radians): as asked for, or larger for one of coarse texels.
+fn step(inputs: &PlanInputs, sun: &FollowedSun) -> f64 {
+    // A view's faces turn with the sun.
+    if inputs.config.fit == CascadeFit::Faces {
+        return 0.0;
+    }
+    let asked = f64::from(inputs.config.sun_step).to_radians();
+    let texel = sun.texel.min_element();
+    let unseen = if texel.is_finite() {
+        texel / HEIGHT
+    } else {
+        0.0
+    };
+    unseen.min(LIMIT).min(LARGEST * asked).max(asked)
+}
+
+/// Which cascades follow the sun in this frame, and how far beyond it (radians): those that have waited long
+/// enough, the one farthest off first and no other in the same frame, unless it is off by a whole step. Off by
+/// how much is counted in steps, which are not the same for all.
 pub(super) fn due(
     inputs: &PlanInputs,
     history: &[CascadeHistory; MAX_CASCADES],
 ) -> [Option<f64>; MAX_CASCADES] {
-    // A view's faces turn with the sun.
-    let step = if inputs.config.fit == CascadeFit::Faces {
-        0.0
-    } else {
-        f64::from(inputs.config.sun_step).to_radians()
-    };
-    let errors = history
-        .each_ref()
-        .map(|kept| kept.sun.error(inputs.light.z).unwrap_or(0.0));
-    let least = step.max(ROUNDING);
-    let farthest = (0..MAX_CASCADES)
+    let steps = history.each_ref().map(|kept| step(inputs, &kept.sun));
+    let late: [f64; MAX_CASCADES] = core::array::from_fn(|index| {
+        let error = history[index].sun.error(inputs.light.z).unwrap_or(0.0);
+        error / steps[index].max(ROUNDING)
+    });
+    let latest = (0..MAX_CASCADES)
         .filter(|index| history[*index].held.is_some())
-        .max_by(|a, b| errors[*a].total_cmp(&errors[*b]))
+        .max_by(|a, b| late[*a].total_cmp(&late[*b]))
         .unwrap_or(0);
     core::array::from_fn(|index| {
-        let error = errors[index];
-        let is_due = error > least || index == farthest && error > 0.5 * least;
+        let late = late[index];
+        let is_due = late > 1.0 || index == latest && late > LATE;
         // A sun that has jumped need not go on.
-        let beyond = if error > 2.0 * step {
+        let beyond = if late > 2.0 {
             0.0
         } else {
-            BEYOND * step
+            BEYOND * steps[index]
         };
         is_due.then_some(beyond)
     })

@@ -1,7 +1,8 @@
 //! A sun that moves: what changes where the truth does not.
 //!
 //! The camera rests, so a pixel is a point. Points count that face the sun and are lit, or in shadow, at every
-//! one of some instants of the interval: whenever their answer changes, that is the shadows' doing.
+//! one of some instants of the interval, and of some time before and after, for edges about to pass have no rest:
+//! whenever their answer changes, that is the shadows' doing.
 
 use bevy::{math::DVec3, platform::sync::Arc, prelude::*};
 use bevy_pssm::{ShadowPlans, prelude::*};
@@ -23,8 +24,10 @@ const FRAMES: usize = 80;
 const LOOKS: [usize; 3] = [10, 40, 70];
 /// Before it, for what depends on what was.
 const BEFORE: usize = 4;
+/// Before it and after it, so many belong to it where points are chosen.
+const AROUND: usize = 20;
 /// Of its instants, so many are traced.
-const INSTANTS: usize = 5;
+const INSTANTS: usize = 9;
 /// Points are so many pixels apart, both ways.
 const STRIDE: usize = 2;
 
@@ -44,9 +47,10 @@ pub struct Interval {
 impl Interval {
     /// All: of days of twenty minutes, of two, and of twenty-four hours.
     pub const ALL: [Self; 5] = [
-        Self::new("12°, 0.3°/s", 12.0, 0.3, 1),
-        Self::new("35°, 0.3°/s", 35.0, 0.3, 1),
-        Self::new("zenith, 0.3°/s", 89.8, 0.3, 1),
+        // A twentieth of a second from picture to picture: four in all.
+        Self::new("12°, 0.3°/s", 12.0, 0.3, 3),
+        Self::new("35°, 0.3°/s", 35.0, 0.3, 3),
+        Self::new("zenith, 0.3°/s", 89.4, 0.3, 3),
         Self::new("35°, 3°/s", 35.0, 3.0, 1),
         // Half a second from picture to picture, forty in all.
         Self::new("35°, 15°/h", 35.0, 15.0 / 3600.0, 30),
@@ -174,7 +178,8 @@ impl Studio {
         let mut points = tracer.every(&lens, to_sun, STRIDE);
         points.retain(|(_, sample)| {
             (0..INSTANTS).all(|instant| {
-                let frame = FRAMES as f64 * instant as f64 / (INSTANTS - 1) as f64;
+                let share = instant as f64 / (INSTANTS - 1) as f64;
+                let frame = (FRAMES + 2 * AROUND) as f64 * share - AROUND as f64;
                 let to_sun = interval.to_sun(start, frame);
                 sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(sample, to_sun) == sample.lit
             })
