@@ -49,8 +49,8 @@
 //!   so once and Bevy's pass draws the cascades at `DirectionalLightShadowMap`'s size.
 //! - GPUs without `DEPTH_CLIP_CONTROL` get tight maps where warped ones are asked for.
 //! - Other crates' passes find neither `ShadowView`s nor entries in cameras' `ViewLightEntities` for maps while a
-//!   light is managed. What draws into those adds its system to [`DrawShadowMap`], after
-//!   [`PssmRenderSystems::DrawMaps`]: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
+//!   light is managed. What draws into those adds its system to [`DrawShadowMap`], which runs once a map has
+//!   been drawn: the current view has [`AdoptedMap`], whose layer [`ShadowTarget`] has as
 //!   an attachment, and whose [`size`](AdoptedMap::size) its viewport keeps to, for a layer may be larger. The
 //!   light wants [`ShadowUpdates::Always`]. One warning names each system that still looks for them.
 //! - What only meshlets draw casts no shadow in the light of suns and spot lights while a light is

@@ -17,10 +17,7 @@ use bevy::{
     },
 };
 
-use super::{
-    ShadowTarget,
-    pass::{DrawSecondView, DrawShadowMap},
-};
+use super::{ShadowTarget, pass::DrawShadowMap};
 
 /// The component by which maps are found in `Core3d`.
 pub(super) struct ShadowViewId(ComponentId);
@@ -51,9 +48,10 @@ pub(super) fn warn_of_guests(
         return;
     };
     *is_done = true;
-    // Both are the same but for what others have added.
-    let count = |schedule: Option<&Schedule>| schedule.map(Schedule::systems_len);
-    if count(schedules.get(DrawShadowMap)) != count(schedules.get(DrawSecondView)) {
+    let guests = schedules
+        .get(DrawShadowMap)
+        .map_or(0, Schedule::systems_len);
+    if guests > 0 {
         return;
     }
     let of_bevy = [

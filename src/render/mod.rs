@@ -61,7 +61,7 @@ pub enum PssmRenderSystems {
     /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
     /// is on its way to the GPU.
     WriteUniforms,
-    /// In [`DrawShadowMap`], and for spot lights' maps in `Core3d`. After this set, the map is drawn.
+    /// In `Core3d`. After this set, a spot light's map is drawn; in [`DrawShadowMap`] a cascade's is from the start.
     DrawMaps,
 }
 
@@ -125,7 +125,8 @@ pub(crate) fn build(app: &mut App) {
                     (added::choose_added_views, moving::choose_moving_views),
                     pass::collect_drawn_views,
                 )
-                    .chain()
+                    // None looks for what the others take away.
+                    .chain_ignore_deferred()
                     .in_set(RenderSystems::PhaseSort)
                     .after(RenderSystems::Queue),
                 (hold::note_whole_maps, guests::warn_of_guests)

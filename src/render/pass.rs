@@ -4,25 +4,27 @@ use bevy::{
     core_pipeline::schedule::RootNonCameraView,
     ecs::{
         entity::Entity,
-        query::With,
+        query::{With, Without},
         schedule::{
-            IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel,
-            common_conditions::resource_exists,
+            IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel, Schedules,
+            SingleThreadedExecutor,
         },
-        system::{Commands, Query, Res, ScheduleSystem},
+        system::{Commands, Query, Res, ScheduleSystem, SystemParam, SystemState},
         world::World,
     },
     log::error,
     pbr::{
-        LightEntity, PreprocessPipelines, Shadow, ViewLightEntities, allocate_uniforms,
-        early_gpu_preprocess, main_build_indirect_parameters, unpack_bins,
+        BuildIndirectParametersBindGroups, LightEntity, PreprocessPipelines, Shadow, ShadowView,
+        ViewLightEntities, allocate_uniforms, early_gpu_preprocess, main_build_indirect_parameters,
+        unpack_bins,
     },
     render::{
+        batching::gpu_preprocessing::{BuildIndirectParametersMetadata, IndirectParametersBuffers},
         diagnostic::RecordDiagnostics,
         render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
         render_resource::{
-            LoadOp, Operations, RenderPassDepthStencilAttachment, RenderPassDescriptor, StoreOp,
-            TextureView,
+            LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment,
+            RenderPassDescriptor, StoreOp, TextureView,
         },
         renderer::{CurrentView, RenderContext, ViewQuery},
         sync_world::TemporaryRenderEntity,
@@ -31,7 +33,6 @@ use bevy::{
 };
 
 use super::{
-    PssmRenderSystems,
     added::AddedViews,
     hold::DrawnMaps,
     layout::AdoptedMap,
@@ -56,48 +57,33 @@ struct DrawShadowMaps;
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 struct PreprocessCasters;
 
-/// The schedule that draws the map of one directional light's cascade.
+/// The schedule in which other crates draw into the map of one directional light's cascade: the current view is the
+/// map's, which has been drawn.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
 pub struct DrawShadowMap;
 
-/// The schedule that draws what a second view has over such a map.
-#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct DrawSecondView;
-
-pub(super) fn schedules() -> [Schedule; 4] {
-    let mut maps = Schedule::new(DrawShadowMaps);
-    maps.add_systems(draw_maps);
+pub(super) fn schedules() -> [Schedule; 3] {
     let preprocessing = (allocate_uniforms, unpack_bins, early_gpu_preprocess);
     [
-        maps,
+        schedule(DrawShadowMaps, draw_maps),
         schedule(PreprocessCasters, preprocessing.chain()),
-        map_schedule(
-            DrawShadowMap,
-            shadow_map_pass.in_set(PssmRenderSystems::DrawMaps),
-        ),
-        map_schedule(DrawSecondView, second_view_pass),
+        Schedule::new(DrawShadowMap),
     ]
 }
 
-/// What a map takes: its draws, and the pass.
-fn map_schedule<M>(
-    label: impl ScheduleLabel,
-    pass: impl IntoScheduleConfigs<ScheduleSystem, M>,
-) -> Schedule {
-    let draws = main_build_indirect_parameters.run_if(resource_exists::<PreprocessPipelines>);
-    schedule(label, (draws, pass).chain())
-}
-
+/// One after the other: there is nothing to do at once.
 fn schedule<M>(
     label: impl ScheduleLabel,
     systems: impl IntoScheduleConfigs<ScheduleSystem, M>,
 ) -> Schedule {
     let mut schedule = Schedule::new(label);
-    schedule.set_build_settings(ScheduleBuildSettings {
-        auto_insert_apply_deferred: false,
-        ..Default::default()
-    });
-    schedule.add_systems(systems);
+    schedule
+        .set_executor(SingleThreadedExecutor::new())
+        .set_build_settings(ScheduleBuildSettings {
+            auto_insert_apply_deferred: false,
+            ..Default::default()
+        })
+        .add_systems(systems);
     schedule
 }
 
@@ -131,27 +117,107 @@ pub(super) fn collect_drawn_views(
     }
 }
 
-fn draw_maps(world: &mut World) {
+/// Draws all maps of a frame, with one command encoder.
+fn draw_maps(world: &mut World, pass: &mut SystemState<MapPass>) {
     let Some(root) = world.get_resource::<CurrentView>().copied() else {
         return;
     };
     if world.contains_resource::<PreprocessPipelines>() {
         world.run_schedule(PreprocessCasters);
     }
+    let schedules = world.resource::<Schedules>();
+    let guests = schedules.get(DrawShadowMap);
+    let has_guests = guests.is_some_and(|guests| guests.systems_len() > 0);
     let views = world.get::<ViewLightEntities>(root.0);
     for view in views.map(|it| it.lights.clone()).unwrap_or_default() {
         world.insert_resource(CurrentView(view));
-        if world.get::<SecondView>(view).is_some() {
-            world.run_schedule(DrawSecondView);
-        } else {
+        if let Ok(pass) = pass.get(world) {
+            pass.build_draws();
+        }
+        if let Ok(pass) = pass.get(world) {
+            pass.draw(world, view);
+        }
+        if has_guests && world.get::<SecondView>(view).is_none() {
+            pass.apply(world);
             world.run_schedule(DrawShadowMap);
         }
     }
+    pass.apply(world);
     world.insert_resource(root);
 }
 
-/// Draws the map of the current view, if the plugin has adopted it. Runs in [`DrawShadowMap`], and for
-/// spot lights in `Core3d`.
+/// What it takes to draw the current view's map.
+#[derive(SystemParam)]
+struct MapPass<'w, 's> {
+    view: ViewQuery<'w, 's, &'static ExtractedView, Without<ShadowView>>,
+    preprocessing: Option<Res<'w, PreprocessPipelines>>,
+    bind_groups: Option<Res<'w, BuildIndirectParametersBindGroups>>,
+    cache: Res<'w, PipelineCache>,
+    buffers: Option<Res<'w, IndirectParametersBuffers>>,
+    metadata: Option<Res<'w, BuildIndirectParametersMetadata>>,
+    maps: Query<'w, 's, &'static AdoptedMap>,
+    second_views: Query<'w, 's, &'static SecondView>,
+    drawn: Res<'w, DrawnMaps>,
+    phases: Res<'w, ViewBinnedRenderPhases<Shadow>>,
+    target: Res<'w, ShadowTarget>,
+    ctx: RenderContext<'w, 's>,
+}
+
+impl MapPass<'_, '_> {
+    /// Has Bevy build the view's draws. It may only do so when those of the view before have been drawn.
+    fn build_draws(self) {
+        let (Some(preprocessing), Some(metadata)) = (self.preprocessing, self.metadata) else {
+            return;
+        };
+        main_build_indirect_parameters(
+            self.view,
+            preprocessing,
+            self.bind_groups,
+            self.cache,
+            self.buffers,
+            metadata,
+            self.ctx,
+        );
+    }
+
+    /// Draws a map, what is added to what it holds over that, or what moves over a copy of it.
+    fn draw(mut self, world: &World, view: Entity) {
+        let extracted = self.view.into_inner();
+        let second = self.second_views.get(view).ok().copied();
+        let of = second.map_or(view, |second| second.of);
+        let (Ok(map), Some(phase)) = (
+            self.maps.get(of),
+            self.phases.get(&extracted.retained_view_entity),
+        ) else {
+            return;
+        };
+        let (layer, span) = match second.map(|second| second.over) {
+            Some(Over::Moving) => (self.target.layer(map.layer), MOVING_PASS_SPAN),
+            Some(Over::Added) | None => (self.target.resting(map.layer), SHADOW_PASS_SPAN),
+        };
+        let Some(layer) = layer else {
+            return;
+        };
+        // Where nothing rests, nothing has been drawn.
+        let load = match second {
+            Some(second) if !self.drawn.is_empty(of) => {
+                if second.over == Over::Moving {
+                    let encoder = self.ctx.command_encoder();
+                    self.target.copy_from_apart(encoder, map.layer);
+                }
+                LoadOp::Load
+            }
+            None if map.skip_if_empty && phase.is_empty() => return,
+            _ => CLEARED,
+        };
+        draw(&mut self.ctx, world, view, map, phase, layer, load, span);
+    }
+}
+
+/// Reverse z: nothing is farther than 0.
+const CLEARED: LoadOp<f32> = LoadOp::Clear(0.0);
+
+/// Draws the map of the current view, if the plugin has adopted it. Runs in `Core3d` for spot lights.
 pub fn shadow_map_pass(
     world: &World,
     view: ViewQuery<(Entity, &AdoptedMap, &ExtractedView)>,
@@ -169,44 +235,8 @@ pub fn shadow_map_pass(
     if map.skip_if_empty && phase.is_empty() {
         return;
     }
-    // Reverse z: nothing is farther than 0.
-    let load = LoadOp::Clear(0.0);
     let span = SHADOW_PASS_SPAN;
-    draw(&mut ctx, world, entity, map, phase, layer, load, span);
-}
-
-/// Draws what is added to what a map holds over that, or what moves over a copy of it.
-fn second_view_pass(
-    world: &World,
-    view: ViewQuery<(Entity, &SecondView, &ExtractedView)>,
-    maps: Query<&AdoptedMap>,
-    drawn: Res<DrawnMaps>,
-    phases: Res<ViewBinnedRenderPhases<Shadow>>,
-    target: Res<ShadowTarget>,
-    mut ctx: RenderContext,
-) {
-    let (entity, second, extracted_view) = view.into_inner();
-    let Ok(map) = maps.get(second.of) else {
-        return;
-    };
-    let (layer, span) = match second.over {
-        Over::Moving => (target.layer(map.layer), MOVING_PASS_SPAN),
-        Over::Added => (target.resting(map.layer), SHADOW_PASS_SPAN),
-    };
-    let (Some(phase), Some(layer)) = (phases.get(&extracted_view.retained_view_entity), layer)
-    else {
-        return;
-    };
-    // Where nothing rests, nothing has been drawn.
-    let load = if drawn.is_empty(second.of) {
-        LoadOp::Clear(0.0)
-    } else {
-        if second.over == Over::Moving {
-            target.copy_from_apart(ctx.command_encoder(), map.layer);
-        }
-        LoadOp::Load
-    };
-    draw(&mut ctx, world, entity, map, phase, layer, load, span);
+    draw(&mut ctx, world, entity, map, phase, layer, CLEARED, span);
 }
 
 /// Draws a phase into a map's layer.
