@@ -32,6 +32,10 @@ impl AddedViews {
         self.0.get(&view).map_or(&[], |it| &it.casters)
     }
 
+    pub fn are_none(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The view that draws them.
     pub fn view(&self, of: Entity) -> Option<Entity> {
         self.0.get(&of).map(|it| it.view)

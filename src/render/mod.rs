@@ -21,6 +21,8 @@ mod shader_features;
 mod target;
 mod uniform;
 
+use pass::SecondViewSystems;
+
 pub use layout::AdoptedMap;
 pub use pass::{DrawShadowMap, SHADOW_PASS_SPAN, shadow_map_pass};
 pub use target::ShadowTarget;
@@ -31,7 +33,10 @@ use bevy::{
     app::{App, PostUpdate},
     asset::AssetEventSystems,
     core_pipeline::schedule::{Core3d, Core3dSystems},
-    ecs::schedule::{IntoScheduleConfigs, SystemSet, common_conditions::resource_exists},
+    ecs::schedule::{
+        IntoScheduleConfigs, SystemSet,
+        common_conditions::{resource_changed, resource_exists},
+    },
     pbr::{
         GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS,
         RenderMaterialInstances, check_views_lights_need_specialization, extract_lights,
@@ -110,19 +115,21 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::CreateViews)
                     .before(prepare_lights),
                 (added::add_added_views, moving::add_moving_views)
+                    .in_set(SecondViewSystems)
                     .in_set(RenderSystems::CreateViews)
                     .after(prepare_lights)
                     .before(check_views_lights_need_specialization),
                 (
                     adopt::adopt_views,
-                    (moving::make_room_apart, second_view::fit_viewports),
+                    (moving::make_room_apart, second_view::fit_viewports).in_set(SecondViewSystems),
                 )
                     .chain()
                     .in_set(PssmRenderSystems::AdoptViews),
                 uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
                 (
                     hold::hold_maps,
-                    (added::choose_added_views, moving::choose_moving_views),
+                    (added::choose_added_views, moving::choose_moving_views)
+                        .in_set(SecondViewSystems),
                     pass::collect_drawn_views,
                 )
                     // None looks for what the others take away.
@@ -133,6 +140,7 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::Cleanup)
                     .after(RenderSystems::Render),
                 pipelines::wait_for_pipelines
+                    .run_if(resource_changed::<pipelines::CompiledFeatures>)
                     .after(RenderSystems::Queue)
                     .before(RenderSystems::Render),
                 displaced::note_displaced_meshes
@@ -147,6 +155,7 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::PrepareViews)
                     .after(prepare_lights),
                 PssmRenderSystems::WriteUniforms.in_set(RenderSystems::PrepareResources),
+                SecondViewSystems.run_if(pass::has_second_views),
             ),
         )
         .configure_sets(

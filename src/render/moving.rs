@@ -41,6 +41,10 @@ struct MovingMap {
 const PATIENCE: u32 = 120;
 
 impl MovingViews {
+    pub fn are_none(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Whether a map's own view draws apart from it.
     fn are_over(&self, view: Entity) -> bool {
         self.0.contains_key(&view)

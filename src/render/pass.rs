@@ -7,7 +7,7 @@ use bevy::{
         query::{With, Without},
         schedule::{
             IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel, Schedules,
-            SingleThreadedExecutor,
+            SingleThreadedExecutor, SystemSet,
         },
         system::{Commands, Query, Res, ScheduleSystem, SystemParam, SystemState},
         world::World,
@@ -33,7 +33,9 @@ use bevy::{
 };
 
 use super::{
+    ExtractedShadows,
     added::AddedViews,
+    extract::ExtractedLight,
     hold::DrawnMaps,
     layout::AdoptedMap,
     moving::MovingViews,
@@ -85,6 +87,23 @@ fn schedule<M>(
         })
         .add_systems(systems);
     schedule
+}
+
+/// What second views take: nothing runs while there are none, nor will be.
+#[derive(SystemSet, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct SecondViewSystems;
+
+/// Whether there are any, or are to be.
+pub(super) fn has_second_views(
+    extracted: Res<ExtractedShadows>,
+    added: Res<AddedViews>,
+    moving: Res<MovingViews>,
+) -> bool {
+    let has_casters = |light: &ExtractedLight| {
+        let mut lists = light.moving.values().chain(light.added.values()).flatten();
+        lists.any(|casters| !casters.is_empty())
+    };
+    !added.are_none() || !moving.are_none() || extracted.lights.values().any(has_casters)
 }
 
 /// Makes the root that all maps of the frame are drawn from, so that Bevy preprocesses what is in them together: maps' own

@@ -2,6 +2,7 @@
 
 use bevy::{
     ecs::{
+        change_detection::DetectChangesMut,
         resource::Resource,
         system::{Local, Res, ResMut},
     },
@@ -14,14 +15,14 @@ use bevy::{
 use crate::shaders::{ShaderFeatures, ShadowModules};
 
 /// The features that are compiled into the modules of this frame.
-#[derive(Resource, Debug, Default)]
+#[derive(Resource, Debug, Default, PartialEq)]
 pub(super) struct CompiledFeatures(Option<ShaderFeatures>);
 
 pub(super) fn extract_features(
     mut features: ResMut<CompiledFeatures>,
     modules: Extract<Res<ShadowModules>>,
 ) {
-    features.0 = modules.compiled();
+    features.set_if_neq(CompiledFeatures(modules.compiled()));
 }
 
 /// Once features change, all pipelines that look shadows up are made anew, and what they draw would
