@@ -122,7 +122,7 @@ pub struct ParallelSplitShadows {
     /// In what steps maps follow a sun that moves (degrees, 0 to 1), one map after the other; what
     /// is lit is shaded by the true sun meanwhile, whose shadows are off by six tenths of a step, or a whole one if it
     /// is so fast that all maps are due. Maps of coarse texels go in larger steps, up to four times as large, that move
-    /// the shadow of what is 10 m high by a texel at most. 0 draws all maps in every frame in which the sun moves, and
+    /// the shadow of what is 10 m away by a texel at most. 0 draws all maps in every frame in which the sun moves, and
     /// every edge creeps, as with `Faces`, whatever the step; too much shows as shadows that tick like a clock's hand.
     /// Default 0.05: a tenth of the sun's width, less than the edge of any shadow is soft.
     #[reflect(@0.0..=1.0_f32)]

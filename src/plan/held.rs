@@ -1,6 +1,6 @@
 //! Which maps stay as they are: what a layer holds, what is needed of it now, and what has changed.
 
-use glam::{DQuat, DVec3, UVec2};
+use glam::{DQuat, DVec2, DVec3, UVec2};
 
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::{CascadeFit, CasterCulling, MapUpdates};
@@ -97,6 +97,10 @@ impl Turn {
 }
 
 impl HeldMap {
+    pub fn texel(&self) -> DVec2 {
+        self.placed.texel
+    }
+
     /// Whether it has ever been drawn with the casters that matter to a body, and so holds them. If so, it is for those
     /// from now on.
     fn comes_back_to(&mut self, body: &ConvexBody, margin: f64) -> bool {

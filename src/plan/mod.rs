@@ -201,6 +201,12 @@ struct CascadeHistory {
 }
 
 impl CascadeHistory {
+    /// Of the map that there is, or of the one that is to be, whichever are finer (meters).
+    fn texel(&self) -> DVec2 {
+        let held = self.held.as_ref().map(HeldMap::texel);
+        held.map_or(self.sun.texel, |held| held.min(self.sun.texel))
+    }
+
     /// Lets go of what the slice was.
     fn forget_slice(&mut self) {
         self.bounds.iter_mut().for_each(Kept::forget);
@@ -289,11 +295,21 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
                 let CascadeHistory {
                     extent, held, sun, ..
                 } = &mut kept[index];
-                let inputs = &inputs_of[index];
                 let (size, slack) = (sizes[index], inputs.slack());
-                let placed = map::place(inputs, volume, fits[index], size, slack, extent)?;
+                let mut place = |inputs: &PlanInputs| {
+                    map::place(inputs, volume, fits[index], size, slack, extent)
+                };
+                let mut placed = place(&inputs_of[index])?;
+                let closer = sun.frame_for(inputs, volume.middle(), placed.texel);
+                let inputs = match &closer {
+                    Some(light) => PlanInputs { light, ..*inputs },
+                    None => inputs_of[index],
+                };
+                if closer.is_some() {
+                    placed = place(&inputs)?;
+                }
                 sun.texel = placed.texel;
-                held::hold(inputs, volume, placed, (index, size), &mut turn, held)
+                held::hold(&inputs, volume, placed, (index, size), &mut turn, held)
             });
             if map.is_none() {
                 kept[index].held = None;

@@ -19,9 +19,9 @@ const ROUNDING: f64 = 1e-12;
 const LATE: f64 = 0.6;
 const BEYOND: f64 = 0.5;
 
-/// A step may move the shadow of what is so high (meters) by a texel: coarse maps go in larger steps, up to so
-/// many times what is asked for, and no larger than so (radians).
-const HEIGHT: f64 = 10.0;
+/// A step may move the shadow of what is so far away (meters), towards the sun, by a texel: coarse maps go in larger
+/// steps, up to so many times what is asked for, and no larger than so (radians).
+const DISTANCE: f64 = 10.0;
 const LARGEST: f64 = 4.0;
 const LIMIT: f64 = 1.0_f64.to_radians();
 
@@ -55,6 +55,17 @@ impl FollowedSun {
         };
         self.frame = Some(frame);
         frame.at(at + frame.origin)
+    }
+
+    /// The frame for a map whose texels are finer than those that it could wait with, if it is too far off for them.
+    pub fn frame_for(
+        &mut self,
+        inputs: &PlanInputs,
+        seen: DVec3,
+        texel: DVec2,
+    ) -> Option<LightFrame> {
+        let is_close = self.error(inputs.light.z)? <= step(inputs, texel);
+        (!is_close).then(|| self.frame(inputs, seen, Some(0.0)))
     }
 
     /// The frame after a turn of the sun, about a point: then little of what is seen there moves.
@@ -132,20 +143,21 @@ fn ahead(from: DVec3, to: DVec3, error: f64, beyond: f64) -> DVec3 {
     DQuat::from_axis_angle(axis, error + beyond) * from
 }
 
-/// The step in which a map follows the sun (radians): as asked for, or larger for one of coarse texels.
-fn step(inputs: &PlanInputs, sun: &FollowedSun) -> f64 {
+/// The step in which a map of such texels (meters) follows the sun (radians): as asked for, or larger for coarse ones.
+fn step(inputs: &PlanInputs, texel: DVec2) -> f64 {
     // A view's faces turn with the sun.
     if inputs.config.fit == CascadeFit::Faces {
-        return 0.0;
+        return ROUNDING;
     }
     let asked = f64::from(inputs.config.sun_step).to_radians();
-    let texel = sun.texel.min_element();
+    let texel = texel.min_element();
     let unseen = if texel.is_finite() {
-        texel / HEIGHT
+        texel / DISTANCE
     } else {
         0.0
     };
-    unseen.min(LIMIT).min(LARGEST * asked).max(asked)
+    let most = LIMIT.min(LARGEST * asked);
+    unseen.min(most).max(asked).max(ROUNDING)
 }
 
 /// Which cascades follow the sun in this frame, and how far beyond it (radians): those that have waited long
@@ -155,10 +167,10 @@ pub(super) fn due(
     inputs: &PlanInputs,
     history: &[CascadeHistory; MAX_CASCADES],
 ) -> [Option<f64>; MAX_CASCADES] {
-    let steps = history.each_ref().map(|kept| step(inputs, &kept.sun));
+    let steps = history.each_ref().map(|kept| step(inputs, kept.texel()));
     let late: [f64; MAX_CASCADES] = core::array::from_fn(|index| {
         let error = history[index].sun.error(inputs.light.z).unwrap_or(0.0);
-        error / steps[index].max(ROUNDING)
+        error / steps[index]
     });
     let latest = (0..MAX_CASCADES)
         .filter(|index| history[*index].held.is_some())

@@ -1,5 +1,5 @@
 //! Taking over the views whose maps share Bevy's array texture: each gets a layer of the target, into
-//! which [`shadow_map_pass`](super::shadow_map_pass) draws it.
+//! which it is drawn ([`pass`](super::pass)).
 
 use bevy::{
     camera::visibility::RenderLayers,

@@ -66,7 +66,7 @@ pub enum PssmRenderSystems {
     /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
     /// is on its way to the GPU.
     WriteUniforms,
-    /// In `Core3d`. After this set, a spot light's map is drawn; in [`DrawShadowMap`] a cascade's is from the start.
+    /// In `Core3d`. After this set, a spot light's map is drawn. (A cascade's is, before [`DrawShadowMap`] begins.)
     DrawMaps,
 }
 

@@ -1,4 +1,4 @@
-//! The pass that draws one adopted map through Bevy's caster phase.
+//! Drawing adopted maps through Bevy's caster phase.
 
 use bevy::{
     core_pipeline::schedule::RootNonCameraView,
@@ -30,6 +30,7 @@ use bevy::{
         sync_world::TemporaryRenderEntity,
         view::ExtractedView,
     },
+    tasks::ComputeTaskPool,
 };
 
 use super::{
@@ -136,33 +137,59 @@ pub(super) fn collect_drawn_views(
     }
 }
 
-/// Draws all maps of a frame, with one command encoder.
+/// Draws all maps of a frame: with one command encoder, unless others draw into them too.
 fn draw_maps(world: &mut World, pass: &mut SystemState<MapPass>) {
     let Some(root) = world.get_resource::<CurrentView>().copied() else {
         return;
     };
-    if world.contains_resource::<PreprocessPipelines>() {
-        world.run_schedule(PreprocessCasters);
-    }
     let schedules = world.resource::<Schedules>();
     let guests = schedules.get(DrawShadowMap);
     let has_guests = guests.is_some_and(|guests| guests.systems_len() > 0);
     let views = world.get::<ViewLightEntities>(root.0);
-    for view in views.map(|it| it.lights.clone()).unwrap_or_default() {
-        world.insert_resource(CurrentView(view));
-        if let Ok(pass) = pass.get(world) {
-            pass.build_draws();
-        }
-        if let Ok(pass) = pass.get(world) {
-            pass.draw(world, view);
-        }
-        if has_guests && world.get::<SecondView>(view).is_none() {
+    let views = views.map(|it| it.lights.clone()).unwrap_or_default();
+    let at_once = if has_guests { 1 } else { views.len() };
+    for (index, views) in views.chunks(at_once.max(1)).enumerate() {
+        on_another_thread(|| {
+            if index == 0 {
+                preprocess(world);
+            }
+            views.iter().for_each(|view| draw_view(world, pass, *view));
+        });
+        if has_guests
+            && views
+                .iter()
+                .all(|it| world.get::<SecondView>(*it).is_none())
+        {
             pass.apply(world);
             world.run_schedule(DrawShadowMap);
         }
     }
     pass.apply(world);
     world.insert_resource(root);
+}
+
+/// Spans are named after those that are open on their thread, and Bevy has one open about all views that are no
+/// camera's.
+fn on_another_thread(run: impl FnOnce() + Send) {
+    ComputeTaskPool::get().scope_with_executor(false, None, |scope| {
+        scope.spawn(async { run() });
+    });
+}
+
+fn preprocess(world: &mut World) {
+    if world.contains_resource::<PreprocessPipelines>() {
+        world.run_schedule(PreprocessCasters);
+    }
+}
+
+fn draw_view(world: &mut World, pass: &mut SystemState<MapPass>, view: Entity) {
+    world.insert_resource(CurrentView(view));
+    if let Ok(pass) = pass.get(world) {
+        pass.build_draws();
+    }
+    if let Ok(pass) = pass.get(world) {
+        pass.draw(world, view);
+    }
 }
 
 /// What it takes to draw the current view's map.

@@ -8,9 +8,10 @@ use bevy::{
         component::Component,
         entity::{Entity, EntityHashSet},
         lifecycle::RemovedComponents,
+        query::With,
         reflect::ReflectComponent,
         resource::Resource,
-        system::Res,
+        system::{Query, Res},
     },
     math::{Affine3A, DMat3},
     mesh::Mesh3d,
@@ -47,14 +48,17 @@ impl DisplacedMeshes {
     }
 }
 
-/// Forgets meshes that have gone.
+/// Forgets meshes that have gone, but for those that have come back since.
 pub(super) fn forget_removed(
     mut removed: RemovedComponents<Mesh3d>,
+    meshes: Query<(), With<Mesh3d>>,
     displaced: Res<DisplacedMeshes>,
 ) {
-    if !removed.is_empty() && !displaced.get().is_empty() {
+    let gone = removed.read().filter(|entity| !meshes.contains(*entity));
+    let gone: Vec<Entity> = gone.collect();
+    if !gone.is_empty() && !displaced.get().is_empty() {
         displaced.update(|known| {
-            for entity in removed.read() {
+            for entity in gone {
                 known.remove(&entity);
             }
         });

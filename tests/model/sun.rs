@@ -122,6 +122,8 @@ fn frames_of_high_suns_hardly_turn() {
 /// A camera that rests over wide ground, while the sun moves.
 struct Day {
     eye: DVec3,
+    /// How far the ground reaches (meters).
+    reach: f64,
     config: ParallelSplitShadows,
     history: PlanHistory,
 }
@@ -130,6 +132,7 @@ impl Day {
     fn new(fit: CascadeFit, sun_step: f32, eye: DVec3) -> Self {
         Self {
             eye,
+            reach: 900.0,
             config: ParallelSplitShadows {
                 fit,
                 sun_step,
@@ -154,7 +157,7 @@ impl Day {
         let mut receivers = Receivers::new(&view);
         receivers.add(&OrientedBox {
             center: self.eye * DVec3::new(1.0, 0.0, 1.0),
-            half_axes: DMat3::from_diagonal(DVec3::new(900.0, 0.1, 900.0)),
+            half_axes: DMat3::from_diagonal(DVec3::new(self.reach, 0.1, self.reach)),
         });
         let inputs = PlanInputs {
             view: &view,
@@ -223,6 +226,32 @@ fn maps_follow_the_sun_in_steps_and_in_turn() {
         // There are finer maps and coarser ones.
         assert!(sizes[0] < 0.11 && sizes[3] == 0.2, "{sizes:?}");
     }
+}
+
+/// Not even for a frame, when most of what was seen has gone.
+#[test]
+fn maps_that_become_finer_are_as_close_to_the_sun_as_fine_ones() {
+    let mut found = 0;
+    for start in 0..40 {
+        let mut day = Day::new(CascadeFit::Tight, 0.05, DVec3::new(3.0, 1.7, -2.0));
+        let to_light = |frame: u32| Day::to_light(30.0 + PER_FRAME * f64::from(40 + start + frame));
+        (0..40 + start).for_each(|frame| {
+            day.plan(Day::to_light(30.0 + PER_FRAME * f64::from(frame)));
+        });
+        day.reach = 15.0;
+        for frame in 0..4 {
+            for plan in day
+                .plan(to_light(frame))
+                .iter()
+                .filter(|plan| plan.map.is_some())
+            {
+                let error = angle_between(light_of(plan), to_light(frame)).to_degrees();
+                assert!(error <= 1.001 * step_of(plan), "{error} in frame {frame}");
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 300, "{found}");
 }
 
 /// In a day of twenty minutes, however fine maps are.

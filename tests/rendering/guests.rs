@@ -47,8 +47,7 @@ fn what_others_draw_into_maps_throws_shadows() {
     let picture = |has_lid: bool| {
         let mut stage = Stage::with_app(WgpuSettings::default(), |app| {
             if let (true, Some(render_app)) = (has_lid, app.get_sub_app_mut(RenderApp)) {
-                let lid = draw_lid.after(PssmRenderSystems::DrawMaps);
-                render_app.add_systems(DrawShadowMap, lid);
+                render_app.add_systems(DrawShadowMap, draw_lid);
             }
         });
         let sun = stage.sun();
