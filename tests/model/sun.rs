@@ -33,7 +33,7 @@ fn landmark() -> impl Strategy<Value = DVec3> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig::with_cases(10_000))]
 
     /// Over the zenith and the nadir, along the horizon, in loops.
     #[test]

@@ -124,7 +124,7 @@ pub struct SunRow {
 pub fn sun_settings(config: &ParallelSplitShadows, stock: &[Stock]) -> Vec<Setting> {
     let mut settings = Vec::new();
     for grid in [TexelGrid::Light, TexelGrid::Ground] {
-        for sun_step in [0.0, 0.05, 0.2] {
+        for sun_step in [0.0, 0.02, 0.05, 0.2] {
             let config = ParallelSplitShadows {
                 grid,
                 sun_step,
