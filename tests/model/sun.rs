@@ -188,7 +188,7 @@ const FITS: [CascadeFit; 3] = [CascadeFit::Stable, CascadeFit::Steady, CascadeFi
 /// A day of twenty minutes: 0.3 degrees per second.
 const PER_FRAME: f64 = 0.3 / 60.0;
 
-/// Steps that coarse maps take instead of one of 0.05°: what moves the shadow of what is 10 m high by a texel, up
+/// Steps that coarse maps take instead of one of 0.05°: what moves the shadow of what is 10 m away by a texel, up
 /// to four times as large (degrees).
 fn step_of(plan: &CascadePlan) -> f64 {
     let texel = plan.map.as_ref().expect("a map").texel.min_element();
