@@ -21,7 +21,8 @@ pub struct Kept<T> {
 pub struct Hold {
     /// Frames for which something must have been two steps too large before it shrinks.
     pub frames: u32,
-    /// Steps by which it may be too large at most, whatever moves: beyond, it shrinks at once.
+    /// Steps by which it may be too large at most, whatever moves: beyond, it shrinks at once. Infinite for any
+    /// number.
     pub steps: f64,
     /// Steps that a length has to spare at least when it is new.
     pub margin: f64,
@@ -53,8 +54,13 @@ impl Hold {
             return self;
         }
         let doublings = core::f64::consts::LN_2 / step.ln();
+        let steps = if self.steps.is_finite() {
+            self.steps.min(doublings.max(1.0))
+        } else {
+            self.steps
+        };
         Self {
-            steps: self.steps.min(doublings.max(1.0)),
+            steps,
             margin: self.margin.min(0.5 * doublings.max(1.0)),
             headroom: self.headroom.min((0.5 * doublings) as u32),
             ..self
@@ -150,6 +156,11 @@ impl<T> Kept<T> {
             growths: 0,
             hold,
         }
+    }
+
+    /// Holds on in another way.
+    pub fn hold_as(&mut self, hold: Hold) {
+        self.hold = hold;
     }
 
     /// Lets go of what is held.

@@ -169,8 +169,13 @@ const STEADY_SLACK: f64 = 1.0;
 /// A range of depths is no thinner than this, as a share: planes should not fall together.
 const MIN_THICKNESS: f64 = 1e-3;
 
-/// The depths between which splits are spread: those at which anything receives shadows.
-pub(super) fn split_range(inputs: &PlanInputs, kept: &mut KeptRange) -> [f64; 2] {
+/// The depths between which splits are spread: those at which anything receives shadows, or did when anything
+/// was seen last.
+pub(super) fn split_range(
+    inputs: &PlanInputs,
+    last: Option<[f64; 2]>,
+    kept: &mut KeptRange,
+) -> [f64; 2] {
     let PlanInputs { view, .. } = inputs;
     let whole = [inputs.near(), inputs.far()];
     if !follows_receivers(inputs) {
@@ -183,7 +188,7 @@ pub(super) fn split_range(inputs: &PlanInputs, kept: &mut KeptRange) -> [f64; 2]
     let near = (found.lo.w * (1.0 - MIN_THICKNESS)).max(whole[0]);
     let far = (found.hi.w * (1.0 + MIN_THICKNESS)).min(whole[1]);
     if near >= far {
-        return whole;
+        return last.unwrap_or(whole);
     }
     // Where maps may be stable, planes should be, too.
     let fit = &inputs.config.fit;
@@ -231,5 +236,12 @@ impl KeptRange {
             far: Kept::with(hold),
             both: Kept::with(hold),
         }
+    }
+
+    /// Holds on in another way.
+    pub fn hold_as(&mut self, hold: Hold) {
+        self.near.hold_as(hold);
+        self.far.hold_as(hold);
+        self.both.hold_as(hold);
     }
 }

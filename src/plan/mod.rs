@@ -170,12 +170,7 @@ impl PlanHistory {
             ..Self::default()
         };
         if config.fit.any(|fit| fit == MapFit::Steady) {
-            history.kept_range = KeptRange::with(Hold {
-                steps: 2.0,
-                margin: 0.0,
-                headroom: 0,
-                ..Hold::LONG
-            });
+            history.kept_range = KeptRange::with(history.turning.depths());
             for cascade in &mut history.cascades {
                 cascade.extent = [Kept::with(Hold::LONG); 2];
                 cascade.size = [Kept::with(Hold::LONG); 2];
@@ -239,7 +234,7 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
             history.follow_turn(&last, &view);
         }
     }
-    let range = layout::split_range(inputs, &mut history.kept_range);
+    let range = layout::split_range(inputs, history.range, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices, &mut history.faces);
     let layout = Layout::new(inputs, range, slices);
     // Cascades of other slices have nothing to hold on to.
@@ -257,7 +252,7 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
     let kept = &mut history.cascades;
     let volumes = layout.volumes(inputs, kept);
     for (volume, kept) in volumes.iter().zip(kept.iter_mut()) {
-        if volume.is_none() {
+        if volume.is_none() && !history.turning.goes_on() {
             kept.forget_slice();
         }
     }

@@ -1,13 +1,10 @@
-//! Whether a view keeps turning quickly: maps with more to spare are then drawn less often.
+//! Whether a view keeps turning: maps then serve for all that it has seen on the way and, if it turns quickly, have
+//! more to spare, so that they are drawn less often.
 
 use super::PlanHistory;
 use crate::{
     config::{MAX_CASCADES, MapFit},
-    geometry::{
-        hysteresis::{Hold, Kept},
-        light_frame::angle_between,
-        slice::ViewVolume,
-    },
+    geometry::{hysteresis::Hold, light_frame::angle_between, slice::ViewVolume},
 };
 
 /// Of the angle that a view has turned by, what still counts after a frame.
@@ -23,18 +20,32 @@ const SLOW: f64 = 0.2;
 /// Steps that the extent of a steady map then has to spare at least.
 const MARGIN: f64 = 3.0;
 
+/// A view goes on turning once it has turned by so much (radians: more than a right angle) without coming to look at
+/// something.
+const GOING_ON: f64 = 1.6;
+
+/// What it looks at it hardly turns away from in a frame (radians: a tenth of a degree).
+const IDLE: f64 = 0.00175;
+
+/// For so many frames.
+const IDLE_FRAMES: u32 = 10;
+
 /// How much a view has turned of late (radians).
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Turning {
     angle: f64,
     is_quick: bool,
+    /// How much it has turned since it last looked at something (radians).
+    way: f64,
+    /// For how many frames in a row it has hardly turned, up to [`IDLE_FRAMES`].
+    idle: u32,
 }
 
 impl Turning {
-    /// Follows a view from frame to frame. Whether it has begun, or ceased, to turn quickly.
-    fn follow(&mut self, last: &ViewVolume, view: &ViewVolume) -> bool {
+    /// Follows a view from frame to frame.
+    fn follow(&mut self, last: &ViewVolume, view: &ViewVolume) {
         let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
-            return false;
+            return;
         };
         let turned = angle_between(before, now);
         self.angle = KEPT * self.angle + turned;
@@ -42,39 +53,78 @@ impl Turning {
             // At rest, nothing changes any more.
             self.angle = 0.0;
         }
-        let was_quick = self.is_quick;
-        self.is_quick = self.angle > if was_quick { SLOW } else { QUICK };
-        self.is_quick != was_quick
+        self.is_quick = self.angle > if self.is_quick { SLOW } else { QUICK };
+        self.idle = if turned < IDLE {
+            IDLE_FRAMES.min(self.idle + 1)
+        } else {
+            0
+        };
+        self.way = if self.idle < IDLE_FRAMES {
+            GOING_ON.min(self.way + turned)
+        } else {
+            0.0
+        };
+    }
+
+    /// Whether what is seen is soon something else, so that what has been seen counts as well.
+    pub fn goes_on(&self) -> bool {
+        self.way >= GOING_ON
     }
 
     /// How the extents of steady maps are held.
-    fn hold(&self) -> Hold {
+    fn extents(&self) -> Hold {
         let margin = if self.is_quick {
             MARGIN
         } else {
             Hold::LONG.margin
         };
         Hold {
+            steps: self.steps(Hold::LONG.steps),
             margin,
             ..Hold::LONG
         }
     }
+
+    /// How the depths are that splits of steady maps are spread over.
+    pub fn depths(&self) -> Hold {
+        Hold {
+            steps: self.steps(2.0),
+            margin: 0.0,
+            headroom: 0,
+            ..Hold::LONG
+        }
+    }
+
+    /// As large as for all that has been seen in a turn, or so many steps too large.
+    fn steps(&self, steps: f64) -> f64 {
+        if self.goes_on() { f64::INFINITY } else { steps }
+    }
 }
 
 impl PlanHistory {
-    /// Follows a view. Steady maps get other extents as soon as it turns quickly, and when it does so no more.
+    /// Follows a view. Steady maps are held in another way while it keeps turning, and get other extents as soon as
+    /// it turns quickly, and when it does so no more.
     pub(super) fn follow_turn(&mut self, last: &ViewVolume, view: &ViewVolume) {
         let Some(config) = &self.config else {
             return;
         };
         let is_steady = |index| config.fit.of_cascade(index).next() == Some(MapFit::Steady);
-        if !(0..MAX_CASCADES).any(is_steady) || !self.turning.follow(last, view) {
+        if !(0..MAX_CASCADES).any(is_steady) {
             return;
         }
-        let held = Kept::with(self.turning.hold());
+        let before = self.turning;
+        self.turning.follow(last, view);
+        let now = self.turning;
+        self.kept_range.hold_as(now.depths());
         for (index, cascade) in self.cascades.iter_mut().enumerate() {
-            if is_steady(index) {
-                cascade.extent = [held; 2];
+            if !is_steady(index) {
+                continue;
+            }
+            for extent in &mut cascade.extent {
+                extent.hold_as(now.extents());
+                if now.is_quick != before.is_quick {
+                    extent.forget();
+                }
             }
         }
     }

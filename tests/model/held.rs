@@ -167,6 +167,51 @@ fn maps_have_more_to_spare_while_a_view_keeps_turning() {
     assert!(then < 0.7 * first, "{then} of the maps, {first} at first");
 }
 
+/// While a view turns quickly, maps serve for all that it has seen in the turn, and for what it sees as soon as it stops.
+#[test]
+fn maps_keep_their_texels_where_a_view_turns_to_emptiness_and_back() {
+    let nothing = CasterChanges::At(Vec::new());
+    let texels = |plans: &[CascadePlan]| -> Vec<Option<f64>> {
+        let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel.max_element());
+        plans.iter().map(texel).collect()
+    };
+    let mut walker = Walker::new(CascadeFit::Steady);
+    // Five meters beyond the ground's edge.
+    walker.eye.x = 905.0;
+    let mut last = [None; 4];
+    let (mut changes, mut empty) = (0, 0);
+    for frame in 0..840 {
+        walker.yaw += 1.5_f32.to_radians();
+        let now = texels(&walker.plan(&nothing));
+        empty += usize::from(now.iter().all(Option::is_none));
+        let mut is_changed = false;
+        for (last, now) in last.iter_mut().zip(now) {
+            is_changed |= last.is_some() && now.is_some() && *last != now;
+            *last = now.or(*last);
+        }
+        // After a first turn.
+        changes += u32::from(is_changed && frame >= 360);
+    }
+    assert!(empty > 100, "{empty} frames in which nothing is seen");
+    assert_eq!(changes, 0, "changes in two turns");
+    for more in (0..240).step_by(10) {
+        for _ in 0..240 + more {
+            walker.yaw += 1.5_f32.to_radians();
+            walker.plan(&nothing);
+        }
+        for _ in 0..10 {
+            walker.plan(&nothing);
+        }
+        let held = texels(&walker.plan(&nothing));
+        walker.history = PlanHistory::default();
+        let fresh = texels(&walker.plan(&nothing));
+        for (held, fresh) in held.into_iter().zip(fresh) {
+            let times = held.zip(fresh).map_or(1.0, |(held, fresh)| held / fresh);
+            assert!(times < 1.1_f64.powi(11), "{times} times, {more} frames on");
+        }
+    }
+}
+
 /// Wherever one goes, lookups stay inside of maps that were laid some time ago, and so do casters.
 #[test]
 fn held_maps_cover_what_is_seen() {

@@ -25,6 +25,7 @@ mod rounding;
 mod saved;
 mod splits;
 mod stability;
+mod streets;
 mod stress;
 mod sun;
 mod updates;
