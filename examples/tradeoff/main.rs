@@ -313,6 +313,7 @@ fn follow(
                 maps_drawn_pct: rounded(found.drawn.maps),
                 triangles_drawn_pct: rounded(found.drawn.triangles),
                 triangles_drawn_moving_pct: rounded(found.drawn.triangles_moving),
+                triangles_drawn_all_moving_pct: rounded(found.drawn.triangles_all_moving),
             });
         }
     }

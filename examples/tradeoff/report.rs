@@ -235,7 +235,7 @@ fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
         "Along paths of ten seconds: points whose answer changes though their truth does not, in \
          percent per second · frames, of 600, in which texels do not stay where they were · wrong \
          pixels (percent) · triangles drawn where maps are held while they serve, in percent of drawing all in \
-         each frame · the same, with one in a hundred casters moving.\n\n| setting |",
+         each frame · the same, with one in a hundred casters moving · with all.\n\n| setting |",
     );
     for (name, _) in CameraPath::ALL {
         write!(text, " {name} |")?;
@@ -250,12 +250,13 @@ fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
                 wrong_pct,
                 triangles_drawn_pct,
                 triangles_drawn_moving_pct,
+                triangles_drawn_all_moving_pct,
                 ..
             } = row;
             write!(
                 text,
                 " {changed_pct_per_second:.3} · {grid_changes} · {wrong_pct:.2} · {triangles_drawn_pct:.1} · \
-                 {triangles_drawn_moving_pct:.1} |"
+                 {triangles_drawn_moving_pct:.1} · {triangles_drawn_all_moving_pct:.1} |"
             )?;
         }
         text.push('\n');

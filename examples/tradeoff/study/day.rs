@@ -18,18 +18,16 @@ use super::{
 
 /// Frames per second.
 const RATE: f64 = 60.0;
-/// Pictures of an interval.
-const FRAMES: usize = 80;
-/// Those at which all of the picture is held against rays.
-const LOOKS: [usize; 3] = [10, 40, 70];
-/// Before it, for what depends on what was.
+/// Shares of an interval at which all of the picture is held against rays.
+const LOOKS: [f64; 3] = [0.125, 0.5, 0.875];
+/// Pictures before it, for what depends on what was.
 const BEFORE: usize = 4;
-/// Before it and after it, so many belong to it where points are chosen.
-const AROUND: usize = 20;
+/// Before it and after it, so much of it belongs to it where points are chosen.
+const AROUND: f64 = 0.25;
 /// Of its instants, so many are traced.
 const INSTANTS: usize = 9;
 /// Points are so many pixels apart, both ways.
-const STRIDE: usize = 2;
+const STRIDE: usize = 1;
 
 /// A stretch of a sun's way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +38,7 @@ pub struct Interval {
     elevation: f64,
     /// How far it goes in a second (degrees).
     speed: f64,
+    pictures: usize,
     /// Frames from one picture to the next.
     apart: usize,
 }
@@ -47,26 +46,37 @@ pub struct Interval {
 impl Interval {
     /// All: of days of twenty minutes, of two, and of twenty-four hours.
     pub const ALL: [Self; 5] = [
-        // A twentieth of a second from picture to picture: four in all.
-        Self::new("12°, 0.3°/s", 12.0, 0.3, 3),
-        Self::new("35°, 0.3°/s", 35.0, 0.3, 3),
-        Self::new("zenith, 0.3°/s", 89.4, 0.3, 3),
-        Self::new("35°, 3°/s", 35.0, 3.0, 1),
+        Self::new("12°, 0.3°/s", 12.0, 0.3, 180, 1),
+        Self::new("35°, 0.3°/s", 35.0, 0.3, 180, 1),
+        Self::new("zenith, 0.3°/s", 89.55, 0.3, 180, 1),
+        Self::new("35°, 3°/s", 35.0, 3.0, 80, 1),
         // Half a second from picture to picture, forty in all.
-        Self::new("35°, 15°/h", 35.0, 15.0 / 3600.0, 30),
+        Self::new("35°, 15°/h", 35.0, 15.0 / 3600.0, 80, 30),
     ];
 
-    const fn new(name: &'static str, elevation: f64, speed: f64, apart: usize) -> Self {
+    const fn new(
+        name: &'static str,
+        elevation: f64,
+        speed: f64,
+        pictures: usize,
+        apart: usize,
+    ) -> Self {
         Self {
             name,
             elevation,
             speed,
+            pictures,
             apart,
         }
     }
 
     fn seconds(self) -> f64 {
-        (FRAMES * self.apart) as f64 / RATE
+        (self.pictures * self.apart) as f64 / RATE
+    }
+
+    /// The picture at a share of it.
+    fn picture(self, share: f64) -> usize {
+        (self.pictures as f64 * share) as usize
     }
 
     /// How the sun stands at a picture, or on its way there: it goes up over where the scene's stands.
@@ -170,22 +180,24 @@ impl Studio {
     }
 
     fn course(&mut self, interval: Interval, start: &Stance, tracer: &Arc<Tracer>) -> Course {
-        let middle = interval.stance(start, 0.5 * FRAMES as f64);
+        let pictures = interval.pictures as f64;
+        let middle = interval.stance(start, 0.5 * pictures);
         self.place(&middle);
         let reference = self.reference();
         let lens = self.lens();
-        let to_sun = interval.to_sun(start, 0.5 * FRAMES as f64);
+        let to_sun = interval.to_sun(start, 0.5 * pictures);
         let mut points = tracer.every(&lens, to_sun, STRIDE);
         points.retain(|(_, sample)| {
             (0..INSTANTS).all(|instant| {
                 let share = instant as f64 / (INSTANTS - 1) as f64;
-                let frame = (FRAMES + 2 * AROUND) as f64 * share - AROUND as f64;
+                let frame = pictures * ((1.0 + 2.0 * AROUND) * share - AROUND);
                 let to_sun = interval.to_sun(start, frame);
                 sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(sample, to_sun) == sample.lit
             })
         });
-        let looks = LOOKS.map(|frame| {
-            let samples = tracer.picture(&lens, interval.to_sun(start, frame as f64));
+        let looks = LOOKS.map(|share| {
+            let to_sun = interval.to_sun(start, interval.picture(share) as f64);
+            let samples = tracer.picture(&lens, to_sun);
             let light = |sample: &Sample| f32::from(u8::from(sample.lit));
             let shares = samples.iter().map(|it| it.as_ref().map(light)).collect();
             Truth::new(lens, samples, shares)
@@ -212,7 +224,8 @@ impl Studio {
         let mut last: Vec<bool> = Vec::new();
         let (mut changed, mut wrong, mut maps) = (0, 0, 0);
         let mut accuracy = Accuracy::default();
-        for frame in 0..BEFORE + FRAMES {
+        let looks = LOOKS.map(|share| BEFORE + interval.picture(share));
+        for frame in 0..BEFORE + interval.pictures {
             let at = frame as f64 - BEFORE as f64;
             for way in 1..interval.apart {
                 let share = way as f64 / interval.apart as f64;
@@ -232,7 +245,7 @@ impl Studio {
                 .map(|(pixel, _)| shares[*pixel].is_none_or(|share| share > 0.5))
                 .collect();
             changed += last.iter().zip(&answers).filter(|(a, b)| a != b).count();
-            if let Some(look) = LOOKS.iter().position(|look| look + BEFORE == frame) {
+            if let Some(look) = looks.iter().position(|look| *look == frame) {
                 accuracy.add(&course.looks[look], &shares);
                 let points = course.points.iter().zip(&answers);
                 wrong += points

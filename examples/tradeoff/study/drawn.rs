@@ -17,6 +17,8 @@ pub struct DrawnShare {
     pub triangles: f64,
     /// Of the same, with one in a hundred casters moving.
     pub triangles_moving: f64,
+    /// And with all of them.
+    pub triangles_all_moving: f64,
 }
 
 impl Default for DrawnShare {
@@ -25,6 +27,7 @@ impl Default for DrawnShare {
             maps: 100.0,
             triangles: 100.0,
             triangles_moving: 100.0,
+            triangles_all_moving: 100.0,
         }
     }
 }
@@ -57,12 +60,17 @@ impl Studio {
         let Some(resting) = self.needed_work(stances, &[]) else {
             return DrawnShare::default();
         };
-        let movers = self.movers();
-        let moving = self.needed_work(stances, &movers).unwrap_or_default();
+        let casters = self.casters();
+        let few: Vec<_> = casters.iter().skip(50).step_by(100).copied().collect();
+        let mut with_moving = |movers: &[Entity]| {
+            let work = self.needed_work(stances, movers).unwrap_or_default();
+            percent(work.triangles, every.triangles)
+        };
         DrawnShare {
             maps: percent(resting.maps, every.maps),
             triangles: percent(resting.triangles, every.triangles),
-            triangles_moving: percent(moving.triangles, every.triangles),
+            triangles_moving: with_moving(&few),
+            triangles_all_moving: with_moving(&casters),
         }
     }
 
@@ -85,14 +93,14 @@ impl Studio {
         Some(needed)
     }
 
-    /// One in a hundred casters.
-    fn movers(&mut self) -> Vec<Entity> {
+    /// In the order of their entities.
+    fn casters(&mut self) -> Vec<Entity> {
         let world = self.world();
         let mut casters = world
             .query_filtered::<Entity, (With<Mesh3d>, With<Transform>, Without<NotShadowCaster>)>();
         let mut casters: Vec<Entity> = casters.iter(world).collect();
         casters.sort_unstable();
-        casters.into_iter().skip(50).step_by(100).collect()
+        casters
     }
 
     fn shift(&mut self, movers: &[Entity], by: f32) {

@@ -443,4 +443,6 @@ pub struct PathRow {
     pub triangles_drawn_pct: f64,
     /// The same, with one in a hundred casters moving.
     pub triangles_drawn_moving_pct: f64,
+    /// And with all of them.
+    pub triangles_drawn_all_moving_pct: f64,
 }
