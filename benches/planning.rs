@@ -16,10 +16,10 @@ use bevy::{
         CameraProjection, PerspectiveProjection, Viewport, primitives::Aabb,
         visibility::NoFrustumCulling,
     },
-    light::DirectionalLightShadowMap,
     light::{
-        CascadeShadowConfigBuilder, cascade::build_directional_light_cascades,
-        check_dir_light_mesh_visibility, update_directional_light_frusta,
+        CascadeShadowConfigBuilder, DirectionalLightShadowMap, NotShadowCaster,
+        cascade::build_directional_light_cascades, check_dir_light_mesh_visibility,
+        update_directional_light_frusta,
     },
     math::{DAffine3, DMat3, DVec3},
     prelude::*,
@@ -306,32 +306,42 @@ fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
     app
 }
 
+/// Whose maps an app draws.
+#[derive(Clone, Copy, PartialEq)]
+enum Maps {
+    None,
+    /// None, but the plugin is there.
+    Idle,
+    BuiltIn,
+    /// Bevy's, and nothing casts shadows.
+    Empty,
+    Plugin(MapUpdates),
+}
+
 /// What four maps cost in extracting and rendering a frame: on the CPU, by Bevy's own threads, beyond what frames without
 /// them cost that are drawn in turn with theirs. A machine that is slower now and then is so for both.
 fn render_worlds(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("render world");
     group.sample_size(30);
-    let with = |updates| {
-        Some(Some(ParallelSplitShadows {
-            far: 500.0,
-            map_size: MapSize::Same(64),
-            comparison: Comparison {
-                updates,
-                ..default()
-            },
-            ..default()
-        }))
-    };
-    let (drawn, held) = (with(MapUpdates::EveryFrame), with(MapUpdates::WhenNeeded));
+    let drawn = Maps::Plugin(MapUpdates::EveryFrame);
+    let held = Maps::Plugin(MapUpdates::WhenNeeded);
     let pairs = [
-        ("built-in, over no shadows", Some(None), None),
-        ("plugin, drawn over held", drawn, held.clone()),
-        ("plugin, held over no shadows", held, None),
+        ("built-in, over no shadows", Maps::BuiltIn, Maps::None),
+        (
+            "built-in and empty, over no shadows",
+            Maps::Empty,
+            Maps::None,
+        ),
+        ("plugin, drawn over held", drawn, held),
+        ("plugin, held over no shadows", held, Maps::None),
+        (
+            "plugin without a light, over no shadows",
+            Maps::Idle,
+            Maps::None,
+        ),
     ];
     let counts = [100, 4000].into_iter();
-    for (count, (name, with, without)) in
-        counts.flat_map(|count| pairs.clone().map(|it| (count, it)))
-    {
+    for (count, (name, with, without)) in counts.flat_map(|count| pairs.map(|it| (count, it))) {
         let mut with = drawing_app(count, with);
         let mut without = drawing_app(count, without);
         group.bench_function(format!("{count} meshes, {name}"), |bencher| {
@@ -348,14 +358,14 @@ fn render_worlds(criterion: &mut Criterion) {
 }
 
 /// An app that renders small pictures of meshes, with or without maps, Bevy's or the plugin's.
-fn drawing_app(count: usize, shadows: Option<Option<ParallelSplitShadows>>) -> headless::Headless {
+fn drawing_app(count: usize, maps: Maps) -> headless::Headless {
     let mut headless = headless::Headless::new(UVec2::splat(16), |app| {
         app.insert_resource(DirectionalLightShadowMap { size: 64 });
-        if matches!(shadows, Some(Some(_))) {
+        if matches!(maps, Maps::Plugin(_) | Maps::Idle) {
             app.add_plugins(PssmPlugin);
         }
     });
-    spawn_drawn(&mut headless, count, shadows);
+    spawn_drawn(&mut headless, count, maps);
     headless.settle();
     headless
 }
@@ -399,11 +409,7 @@ fn spent_by_bevy() -> Duration {
 }
 
 /// Meshes of eight kinds, in all maps.
-fn spawn_drawn(
-    headless: &mut headless::Headless,
-    count: usize,
-    shadows: Option<Option<ParallelSplitShadows>>,
-) {
+fn spawn_drawn(headless: &mut headless::Headless, count: usize, maps: Maps) {
     let target = headless.render_target();
     let world = headless.app.world_mut();
     let meshes = (0..8).map(|kind| Mesh::from(Cuboid::new(1.0, 1.0 + kind as f32, 1.0)));
@@ -414,16 +420,19 @@ fn spawn_drawn(
         .resource_mut::<Assets<StandardMaterial>>()
         .add(Color::WHITE);
     let side = (count as f32).sqrt().ceil();
-    world.spawn_batch((0..count).map(move |i| {
+    for i in 0..count {
         let (row, column) = ((i as f32 / side).floor(), i as f32 % side);
-        (
+        let mut mesh = world.spawn((
             Mesh3d(meshes[i % meshes.len()].clone()),
             MeshMaterial3d(material.clone()),
             // All of them are in all maps, whoever culls.
             NoFrustumCulling,
             Transform::from_xyz(400.0 * (column / side - 0.5), 0.0, -400.0 * row / side),
-        )
-    }));
+        ));
+        if maps == Maps::Empty {
+            mesh.insert(NotShadowCaster);
+        }
+    }
     world.spawn((
         Camera3d::default(),
         target,
@@ -431,7 +440,7 @@ fn spawn_drawn(
     ));
     let mut sun = world.spawn((
         DirectionalLight {
-            shadow_maps_enabled: shadows.is_some(),
+            shadow_maps_enabled: !matches!(maps, Maps::None | Maps::Idle),
             ..default()
         },
         CascadeShadowConfigBuilder {
@@ -441,8 +450,16 @@ fn spawn_drawn(
         .build(),
         Transform::default().looking_to(Vec3::new(1.0, -1.0, 0.2), Vec3::Y),
     ));
-    if let Some(Some(shadows)) = shadows {
-        sun.insert(shadows);
+    if let Maps::Plugin(updates) = maps {
+        sun.insert(ParallelSplitShadows {
+            far: 500.0,
+            map_size: MapSize::Same(64),
+            comparison: Comparison {
+                updates,
+                ..default()
+            },
+            ..default()
+        });
     }
 }
 
