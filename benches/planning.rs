@@ -310,7 +310,7 @@ fn wide_app(count: usize, views: usize, shadows: impl Bundle + Clone) -> App {
 #[derive(Clone, Copy, PartialEq)]
 enum Maps {
     None,
-    /// None, but the plugin is there.
+    /// None, though the plugin is there.
     Idle,
     BuiltIn,
     /// Bevy's, and nothing casts shadows.
@@ -335,7 +335,7 @@ fn render_worlds(criterion: &mut Criterion) {
         ("plugin, drawn over held", drawn, held),
         ("plugin, held over no shadows", held, Maps::None),
         (
-            "plugin without a light, over no shadows",
+            "plugin, no light managed, over no shadows",
             Maps::Idle,
             Maps::None,
         ),

@@ -163,6 +163,14 @@ impl<T> Kept<T> {
         self.hold = hold;
     }
 
+    /// A frame in which nothing is needed: so many in all, and what is held is let go.
+    pub fn wait(&mut self) {
+        self.frames_too_large += 1;
+        if self.frames_too_large > self.hold.frames {
+            self.forget();
+        }
+    }
+
     /// Lets go of what is held.
     pub fn forget(&mut self) {
         *self = Self::with(self.hold);

@@ -34,14 +34,21 @@ pub(super) fn is_cut(
     let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
         return true;
     };
+    before.dot(now) < LEAST_COSINE || is_elsewhere(inputs, last, view, first_plane)
+}
+
+/// Whether one view is from somewhere else than the other, or through another lens, whatever their directions.
+pub(super) fn is_elsewhere(
+    inputs: &PlanInputs,
+    last: &ViewVolume,
+    view: &ViewVolume,
+    first_plane: f64,
+) -> bool {
     let cascades = inputs.config.cascades as usize;
     let planes = split_planes(&inputs.config.splits, inputs.near(), inputs.far(), cascades);
     let depth = planes[1].max(first_plane.min(inputs.far()));
     let zoom = (view.image_height(depth) / last.image_height(depth))
         .ln()
         .abs();
-    before.dot(now) < LEAST_COSINE
-        || last.eye.distance(view.eye) > MOST_MOVE * depth
-        || zoom.is_nan()
-        || zoom > MOST_ZOOM.ln()
+    last.eye.distance(view.eye) > MOST_MOVE * depth || zoom.is_nan() || zoom > MOST_ZOOM.ln()
 }

@@ -208,6 +208,16 @@ impl CascadeHistory {
         self.depths.iter_mut().for_each(Kept::forget);
         self.extent.iter_mut().for_each(Kept::forget);
     }
+
+    /// The same where nothing is seen of it, but for a map's extent that may soon be needed again.
+    fn miss_slice(&mut self, is_soon_seen: bool) {
+        let extent = self.extent;
+        self.forget_slice();
+        if is_soon_seen && self.fit == Some(MapFit::Steady) {
+            self.extent = extent;
+            self.extent.iter_mut().for_each(Kept::wait);
+        }
+    }
 }
 
 /// Plans all cascades of a light for a view.
@@ -231,7 +241,7 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
                 ..PlanHistory::new(config)
             };
         } else {
-            history.follow_turn(&last, &view);
+            history.follow_turn(inputs, &last, &view);
         }
     }
     let range = layout::split_range(inputs, history.range, &mut history.kept_range);
@@ -252,8 +262,8 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
     let kept = &mut history.cascades;
     let volumes = layout.volumes(inputs, kept);
     for (volume, kept) in volumes.iter().zip(kept.iter_mut()) {
-        if volume.is_none() && !history.turning.goes_on() {
-            kept.forget_slice();
+        if volume.is_none() {
+            kept.miss_slice(history.turning.goes_on());
         }
     }
     let due = sun::due(inputs, kept);

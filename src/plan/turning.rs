@@ -1,7 +1,7 @@
-//! Whether a view keeps turning: maps then serve for all that it has seen on the way and, if it turns quickly, have
+//! Whether a view keeps turning: maps then serve for what it has seen on the way and, if it turns quickly, have
 //! more to spare, so that they are drawn less often.
 
-use super::PlanHistory;
+use super::{PlanHistory, PlanInputs, cut::is_elsewhere};
 use crate::{
     config::{MAX_CASCADES, MapFit},
     geometry::{hysteresis::Hold, light_frame::angle_between, slice::ViewVolume},
@@ -20,14 +20,14 @@ const SLOW: f64 = 0.2;
 /// Steps that the extent of a steady map then has to spare at least.
 const MARGIN: f64 = 3.0;
 
-/// A view goes on turning once it has turned by so much (radians: more than a right angle) without coming to look at
-/// something.
+/// A view goes on turning once it has turned by so much (radians: more than a right angle) where it is, without
+/// coming to look at something.
 const GOING_ON: f64 = 1.6;
 
-/// What it looks at it hardly turns away from in a frame (radians: a tenth of a degree).
+/// It looks at something while it turns by less than this in a frame (radians: a tenth of a degree),
 const IDLE: f64 = 0.00175;
 
-/// For so many frames.
+/// in so many frames in a row.
 const IDLE_FRAMES: u32 = 10;
 
 /// How much a view has turned of late (radians).
@@ -35,15 +35,22 @@ const IDLE_FRAMES: u32 = 10;
 pub(super) struct Turning {
     angle: f64,
     is_quick: bool,
-    /// How much it has turned since it last looked at something (radians).
-    way: f64,
     /// For how many frames in a row it has hardly turned, up to [`IDLE_FRAMES`].
     idle: u32,
+    /// The view from which on it has been turning, and by how much (radians).
+    since: Option<ViewVolume>,
+    way: f64,
 }
 
 impl Turning {
     /// Follows a view from frame to frame.
-    fn follow(&mut self, last: &ViewVolume, view: &ViewVolume) {
+    fn follow(
+        &mut self,
+        inputs: &PlanInputs,
+        last: &ViewVolume,
+        view: &ViewVolume,
+        first_plane: f64,
+    ) {
         let (Some(before), Some(now)) = (last.forward(), view.forward()) else {
             return;
         };
@@ -59,11 +66,13 @@ impl Turning {
         } else {
             0
         };
-        self.way = if self.idle < IDLE_FRAMES {
-            GOING_ON.min(self.way + turned)
+        let since = self.since.get_or_insert(*last);
+        if self.idle < IDLE_FRAMES && !is_elsewhere(inputs, since, view, first_plane) {
+            self.way = GOING_ON.min(self.way + turned);
         } else {
-            0.0
-        };
+            self.way = 0.0;
+            self.since = None;
+        }
     }
 
     /// Whether what is seen is soon something else, so that what has been seen counts as well.
@@ -95,7 +104,7 @@ impl Turning {
         }
     }
 
-    /// As large as for all that has been seen in a turn, or so many steps too large.
+    /// So many steps too large, or as large as for anything that has been seen in a turn.
     fn steps(&self, steps: f64) -> f64 {
         if self.goes_on() { f64::INFINITY } else { steps }
     }
@@ -104,7 +113,12 @@ impl Turning {
 impl PlanHistory {
     /// Follows a view. Steady maps are held in another way while it keeps turning, and get other extents as soon as
     /// it turns quickly, and when it does so no more.
-    pub(super) fn follow_turn(&mut self, last: &ViewVolume, view: &ViewVolume) {
+    pub(super) fn follow_turn(
+        &mut self,
+        inputs: &PlanInputs,
+        last: &ViewVolume,
+        view: &ViewVolume,
+    ) {
         let Some(config) = &self.config else {
             return;
         };
@@ -113,7 +127,7 @@ impl PlanHistory {
             return;
         }
         let before = self.turning;
-        self.turning.follow(last, view);
+        self.turning.follow(inputs, last, view, self.first_plane);
         let now = self.turning;
         self.kept_range.hold_as(now.depths());
         for (index, cascade) in self.cascades.iter_mut().enumerate() {

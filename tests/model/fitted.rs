@@ -687,6 +687,19 @@ fn what_is_held_long_has_something_to_spare() {
     }
 }
 
+/// What nothing is needed of for a while is let go, as what is much too large is.
+#[test]
+fn what_is_not_needed_is_not_held_for_ever() {
+    let slack = Slack(0.1);
+    let mut held = Kept::with(Hold::LONG);
+    let long = slack.round_up(100.0, &mut held);
+    let wait = |held: &mut Kept<f64>| (0..300).for_each(|_| held.wait());
+    wait(&mut held);
+    assert_eq!(slack.round_up(60.0, &mut held), long);
+    wait(&mut held);
+    assert!(slack.round_up(60.0, &mut held) < 70.0);
+}
+
 /// What grows steadily leaves more room each time, so that it grows less often.
 #[test]
 fn what_keeps_growing_changes_seldom() {

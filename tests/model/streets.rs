@@ -1,4 +1,4 @@
-//! How many casters maps have in a village, beside Bevy's own lists.
+//! How many casters maps have in a village, compared with Bevy's own.
 
 use bevy::{
     camera::{RenderTargetInfo, primitives::Aabb, visibility::CascadesVisibleEntities},
