@@ -248,7 +248,7 @@ fn maps_become_finer_where_a_view_turns_and_comes_near() {
     let cases: [(&str, f64, fn(&mut Walker)); 2] = [
         ("zooming", 6.0, |walker| walker.fov *= 0.98),
         ("coming down", 60.0, |walker| {
-            walker.eye.y = 1.7 + 0.97 * (walker.eye.y - 1.7)
+            walker.eye.y = 1.7 + 0.97 * (walker.eye.y - 1.7);
         }),
     ];
     for (name, height, step) in cases {

@@ -85,7 +85,7 @@ fn maps_hold_fewer_houses_than_bevys() {
                 maximum_distance: far,
                 ..default()
             };
-            let bevys = app.world_mut().spawn((sun.clone(), cascades.build())).id();
+            let bevys = app.world_mut().spawn((sun, cascades.build())).id();
             let fits = [CascadeFit::Steady, CascadeFit::Tight];
             let fits = fits.map(|fit| {
                 let shadows = ParallelSplitShadows {
@@ -93,7 +93,7 @@ fn maps_hold_fewer_houses_than_bevys() {
                     fit,
                     ..default()
                 };
-                app.world_mut().spawn((sun.clone(), shadows)).id()
+                app.world_mut().spawn((sun, shadows)).id()
             });
             for _ in 0..3 {
                 app.update();
