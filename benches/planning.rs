@@ -33,7 +33,7 @@ use bevy_pssm::{
     plan::{CasterChanges, PlanHistory, PlanInputs, lookup_reach, plan_cascades},
     systems::{cull_casters, find_changes, plan_shadows},
 };
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use server::server_app;
 
 const CASTERS: usize = 10_000;
@@ -322,10 +322,13 @@ enum Maps {
 /// them cost that are drawn in turn with theirs. A machine that is slower now and then is so for both.
 fn render_worlds(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("render world");
-    group.sample_size(30);
+    // Many frames to a sample: a difference of few may be below none.
+    group.sample_size(30).sampling_mode(SamplingMode::Flat);
+    group.measurement_time(Duration::from_secs(15));
     let drawn = Maps::Plugin(MapUpdates::EveryFrame);
     let held = Maps::Plugin(MapUpdates::WhenNeeded);
     let pairs = [
+        ("nothing, over no shadows", Maps::None, Maps::None),
         ("built-in, over no shadows", Maps::BuiltIn, Maps::None),
         (
             "built-in and empty, over no shadows",
