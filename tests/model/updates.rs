@@ -3,9 +3,10 @@
 use bevy::{
     camera::{
         primitives::Aabb,
-        visibility::{CascadesVisibleEntities, NoCpuCulling},
+        visibility::{CascadesVisibleEntities, NoCpuCulling, NoFrustumCulling, RenderLayers},
     },
     ecs::{entity::EntityHashSet, entity_disabling::Disabled},
+    light::NotShadowCaster,
     math::{DMat3, DVec3},
     prelude::*,
 };
@@ -243,6 +244,98 @@ fn lift(app: &mut App, boxes: &[Entity], by: f32) {
     for caster in boxes {
         let mut at = app.world_mut().get_mut::<Transform>(*caster).unwrap();
         at.translation.y += by;
+    }
+}
+
+/// Each kind of change has something drawn where all maps were held, and undoing it too; what is written but stays the
+/// same has not.
+#[test]
+fn no_kind_of_change_is_missed() {
+    type Change = fn(&mut EntityWorldMut);
+    let none: Change = |it| {
+        let at = *it.get::<Transform>().unwrap();
+        it.insert((at, Visibility::default()));
+    };
+    let kinds: [(&str, Change, Change); 8] = [
+        (
+            "transform",
+            |it| it.get_mut::<Transform>().unwrap().translation.y += 0.5,
+            |it| it.get_mut::<Transform>().unwrap().translation.y -= 0.5,
+        ),
+        (
+            "bounds",
+            |it| _ = it.insert(Aabb::from_min_max(Vec3::splat(-0.7), Vec3::splat(0.7))),
+            |it| _ = it.insert(Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5))),
+        ),
+        (
+            "mesh",
+            |it| {
+                let mut meshes = it.resource_mut::<Assets<Mesh>>();
+                let mesh = meshes.add(Cuboid::from_length(1.0));
+                it.insert(Mesh3d(mesh));
+            },
+            |it| _ = it.insert(Mesh3d::default()),
+        ),
+        (
+            "visibility",
+            |it| _ = it.insert(Visibility::Hidden),
+            |it| _ = it.insert(Visibility::Inherited),
+        ),
+        (
+            "casting",
+            |it| _ = it.insert(NotShadowCaster),
+            |it| _ = it.remove::<NotShadowCaster>(),
+        ),
+        (
+            "layers",
+            |it| _ = it.insert(RenderLayers::layer(7)),
+            |it| _ = it.remove::<RenderLayers>(),
+        ),
+        (
+            "margin",
+            |it| _ = it.insert(BoundsMargin(2.0)),
+            |it| _ = it.remove::<BoundsMargin>(),
+        ),
+        (
+            "culling",
+            |it| _ = it.insert(NoFrustumCulling),
+            |it| _ = it.remove::<NoFrustumCulling>(),
+        ),
+    ];
+    for (kind, change, undo) in kinds {
+        let mut app = app();
+        let boxes = boxes(&mut app);
+        let view = camera(&mut app);
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        let distance = |it: &&Entity| {
+            let at = app.world().get::<Transform>(**it).unwrap().translation;
+            at.distance_squared(Vec3::new(0.0, 0.0, -12.0)) as i32
+        };
+        let before = *boxes.iter().min_by_key(distance).unwrap();
+        for (what, change, is_seen) in [
+            (kind, change, true),
+            ("undone", undo, true),
+            ("none", none, false),
+        ] {
+            for _ in 0..150 {
+                app.update();
+            }
+            let held = drawn(&app, view, light);
+            assert_eq!(held, 0, "{kind}, {what}: drawn before");
+            change(&mut app.world_mut().entity_mut(before));
+            // Lists of what is lost are the renderer's to compare.
+            let lists = |app: &App| -> Vec<_> {
+                let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+                lists.entities[&view]
+                    .iter()
+                    .map(|list| list.entities.clone())
+                    .collect()
+            };
+            let listed = lists(&app);
+            app.update();
+            let is_found = drawn(&app, view, light) > 0 || lists(&app) != listed;
+            assert_eq!(is_found, is_seen, "{kind}, {what}");
+        }
     }
 }
 
