@@ -12,7 +12,10 @@ use bevy_pssm::{
     prelude::*,
 };
 
-use crate::views::{perspective, volume};
+use crate::{
+    motion::texels,
+    views::{perspective, volume},
+};
 
 /// A camera over wide ground, and what it has been planned for.
 struct Walker {
@@ -168,12 +171,6 @@ fn maps_have_more_to_spare_while_a_view_keeps_turning() {
     let mut walker = Walker::new(CascadeFit::Steady);
     let [[first, _], _, [then, _]] = [60, 60, 480].map(|frames| walker.shares_drawn(frames, on));
     assert!(then < 0.7 * first, "{then} of the maps, {first} at first");
-}
-
-/// The largest side of each map's texels, where there is one (meters).
-fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
-    let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel.max_element());
-    plans.iter().map(texel).collect()
 }
 
 /// How many times as large as a fresh plan's a walker's texels are, for each map that both have.

@@ -143,7 +143,7 @@ fn high_flights_are_no_cuts() {
 }
 
 /// The largest side of each map's texels, where there is one (meters).
-fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
+pub fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
     let texel = |plan: &CascadePlan| Some(plan.map.as_ref()?.texel.max_element());
     plans.iter().map(texel).collect()
 }

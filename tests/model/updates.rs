@@ -311,7 +311,7 @@ fn no_kind_of_change_is_missed() {
             let at = app.world().get::<Transform>(**it).unwrap().translation;
             at.distance_squared(Vec3::new(0.0, 0.0, -12.0)) as i32
         };
-        let before = *boxes.iter().min_by_key(distance).unwrap();
+        let nearest = *boxes.iter().min_by_key(distance).unwrap();
         for (what, change, is_seen) in [
             (kind, change, true),
             ("undone", undo, true),
@@ -322,7 +322,7 @@ fn no_kind_of_change_is_missed() {
             }
             let held = drawn(&app, view, light);
             assert_eq!(held, 0, "{kind}, {what}: drawn before");
-            change(&mut app.world_mut().entity_mut(before));
+            change(&mut app.world_mut().entity_mut(nearest));
             // Lists of what is lost are the renderer's to compare.
             let lists = |app: &App| -> Vec<_> {
                 let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
