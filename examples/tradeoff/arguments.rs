@@ -48,7 +48,7 @@ pub struct Arguments {
     /// Steadiness too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv.
     #[arg(long)]
     pub paths: bool,
-    /// What changes while the sun moves, by texel grid and step: suns.csv.
+    /// What changes while the sun moves, by texel grid and step: suns.csv; and while the camera walks too: paths.csv.
     #[arg(long)]
     pub suns: bool,
     /// No scenes, but small cases that biases fail in, and what filters cost: lookups.md. With

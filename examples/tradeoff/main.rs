@@ -43,7 +43,7 @@ use scene_stage::SceneStage;
 use study::{
     day::sun_settings,
     flicker::Motion,
-    paths::{FOLLOWED, LOOKED_AT, Path, PathRow},
+    paths::{FOLLOWED, Path, PathRow},
     pictures,
     row::{Row, rounded},
     run::{Effort, Outcome, View},
@@ -142,12 +142,17 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
         ),
         Baseline::None => (0, 0),
     };
-    let along = if arguments.paths {
-        own.min(FOLLOWED.len()) * Path::ALL.len() * LOOKED_AT
-    } else {
-        0
-    };
+    let looked_at = paths(arguments).map(|(_, path)| path.regular_frames().len());
+    let along = own.min(FOLLOWED.len()) * looked_at.sum::<usize>();
     2 * poses + (own + stock) * (poses + motions) + tuning + along
+}
+
+/// Those that are asked for.
+fn paths(arguments: &Arguments) -> impl Iterator<Item = (&'static str, Path)> {
+    let if_wanted = |paths: &'static [_], is_wanted: bool| paths.iter().filter(move |_| is_wanted);
+    let all = if_wanted(&Path::ALL, arguments.paths);
+    all.chain(if_wanted(&Path::UNDER_SUNS, arguments.suns))
+        .copied()
 }
 
 fn load(arguments: &Arguments, scene: &NamedScene) -> Result<SceneStage, String> {
@@ -256,12 +261,21 @@ fn measure_scene(
         report.worst_pose.push(worst);
         report.settings.push(setting);
     }
-    if arguments.paths {
+    if arguments.paths || arguments.suns {
         let ground = |x: f32, z: f32| ground.height(x, z);
         let is_followed =
             |setting: &&Setting| !wanted.is_empty() || FOLLOWED.contains(&setting.name.as_str());
         let followed: Vec<_> = report.settings.iter().filter(is_followed).collect();
-        report.paths = follow(name, &mut studio, &stances, &ground, &followed, progress);
+        let paths = paths(arguments);
+        report.paths = follow(
+            name,
+            &mut studio,
+            &stances,
+            &ground,
+            &followed,
+            paths,
+            progress,
+        );
     }
     if arguments.suns {
         let stock = report
@@ -285,18 +299,20 @@ fn measure_scene(
     Ok(report)
 }
 
-/// Steadiness and accuracy of settings along all paths.
+/// Steadiness and accuracy of settings along paths.
 fn follow(
     scene: &str,
     studio: &mut Studio,
     poses: &[Stance],
     ground: &dyn Fn(f32, f32) -> f32,
     settings: &[&Setting],
+    paths: impl Iterator<Item = (&'static str, Path)>,
     progress: &mut Progress,
 ) -> Vec<PathRow> {
     progress.say(&format!("{scene}: tracing rays along paths"));
     let tracer = studio.tracer(&poses[0]);
-    let routes = Path::ALL.map(|(name, path)| (name, studio.explore(path, &tracer, poses, ground)));
+    let routes = paths.map(|(name, path)| (name, studio.explore(path, &tracer, poses, ground)));
+    let routes: Vec<_> = routes.collect();
     let mut rows = Vec::new();
     for setting in settings {
         progress.say(&format!("{scene}: {} along paths", setting.name));

@@ -11,7 +11,7 @@ use crate::{
     study::{
         alternatives::Alternative,
         day::SunRow,
-        paths::{Path as CameraPath, PathRow},
+        paths::PathRow,
         row::{COLUMNS, Row},
         settings::{Setting, Technique},
     },
@@ -206,12 +206,7 @@ fn write_suns(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Erro
     let first = &scene.suns[0].setting;
     let intervals = scene.suns.iter().take_while(|row| row.setting == *first);
     let names: Vec<_> = intervals.map(|row| row.interval).collect();
-    writeln!(
-        text,
-        " {} |\n|---{}|",
-        names.join(" | "),
-        "|---".repeat(names.len())
-    )?;
+    write_heads(text, &names)?;
     for rows in scene.suns.chunk_by(|a, b| a.setting == b.setting) {
         write!(text, "| {} |", rows[0].setting)?;
         for row in rows {
@@ -227,6 +222,12 @@ fn write_suns(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Erro
     Ok(())
 }
 
+/// The heads of columns, after the first.
+fn write_heads(text: &mut String, names: &[&str]) -> Result<(), core::fmt::Error> {
+    let lines = "|---".repeat(names.len());
+    writeln!(text, " {} |\n|---{lines}|", names.join(" | "))
+}
+
 fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Error>> {
     if scene.paths.is_empty() {
         return Ok(());
@@ -237,10 +238,10 @@ fn write_paths(text: &mut String, scene: &SceneReport) -> Result<(), Box<dyn Err
          pixels (percent) · triangles drawn where maps are held while they serve, in percent of drawing all in \
          each frame · the same, with one in a hundred casters moving · with all.\n\n| setting |",
     );
-    for (name, _) in CameraPath::ALL {
-        write!(text, " {name} |")?;
-    }
-    writeln!(text, "\n|---{}|", "|---".repeat(CameraPath::ALL.len()))?;
+    let first = &scene.paths[0].setting;
+    let rows = scene.paths.iter().take_while(|row| row.setting == *first);
+    let names: Vec<_> = rows.map(|row| row.path).collect();
+    write_heads(text, &names)?;
     for rows in scene.paths.chunk_by(|a, b| a.setting == b.setting) {
         write!(text, "| {} |", rows[0].setting)?;
         for row in rows {

@@ -150,6 +150,13 @@ impl Tracer {
         points.into_iter().flatten().collect()
     }
 
+    /// Whether a sample faces all of these suns, and its truth is the same under each.
+    pub fn is_same_under(&self, sample: &Sample, suns: &[DVec3]) -> bool {
+        suns.iter().all(|to_sun| {
+            sample.normal.dot(*to_sun) > 0.0 && self.is_lit(sample, *to_sun) == sample.lit
+        })
+    }
+
     /// Whether all of these pixels' centers show the surface of a sample, under the same light.
     pub fn agree(&self, lens: &Lens, pixels: [usize; 4], surface: &Sample, to_sun: DVec3) -> bool {
         let world_from_clip = lens.clip_from_world.inverse();

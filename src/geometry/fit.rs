@@ -99,11 +99,8 @@ pub fn steady(
     let half = |axis_ws: DVec3| {
         radius * axis_ws.x.hypot(axis_ws.z) + 0.5 * (top - bottom) * axis_ws.y.abs()
     };
-    let [across, up] = kept;
-    let extent_ls = DVec2::new(
-        slack.round_up(half(light.x).max(least_ls.x), across),
-        slack.round_up(half(light.y).max(least_ls.y), up),
-    );
+    let needed_ls = DVec2::new(half(light.x), half(light.y)).max(least_ls);
+    let extent_ls = slack.round_up_both(needed_ls, kept);
     let half_ls = extent_ls.extend(half(light.z));
     let center_ls = light.light_from_world(center_ws);
     around(center_ls, half_ls, size, reach, slack)

@@ -1,6 +1,8 @@
 //! Hysteresis for sizes that would change with every frame: they grow at once, shrink after a
 //! delay or when they are much too large, and all in steps.
 
+use glam::DVec2;
+
 /// How much larger than needed something may be, as a share; 0 for not at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slack(pub f64);
@@ -13,6 +15,8 @@ pub struct Kept<T> {
     frames_too_large: u32,
     /// How often it has grown since it last had time to shrink.
     growths: u32,
+    /// It is to have as much to spare as if it were new, and so many steps more.
+    widens: Option<u32>,
     hold: Hold,
 }
 
@@ -80,7 +84,34 @@ pub const SHRINK_DELAY: u32 = 30;
 /// Steps are powers and multiples of floating-point numbers, and compared with such.
 const ROUNDING: f64 = 1e-9;
 
+/// Of the steps that a length has to spare when it has grown, so many are one's that need not have.
+const MOST_SPARED: u32 = 2;
+
 impl Slack {
+    /// As [`Slack::round_up`], of two lengths that grow together where they can: when one of them does, the other
+    /// gets as much to spare, or it would soon follow.
+    pub fn round_up_both(self, needed: DVec2, kept: &mut [Kept<f64>; 2]) -> DVec2 {
+        let before = *kept;
+        let [x, y] = kept;
+        let mut rounded = DVec2::new(self.round_up(needed.x, x), self.round_up(needed.y, y));
+        // They have been told to.
+        if before.iter().any(|kept| kept.widens.is_some()) {
+            return rounded;
+        }
+        match [x.has_grown(&before[0]), y.has_grown(&before[1])] {
+            [true, false] => {
+                y.widen(x.growths.min(MOST_SPARED));
+                rounded.y = self.round_up(needed.y, y);
+            }
+            [false, true] => {
+                x.widen(y.growths.min(MOST_SPARED));
+                rounded.x = self.round_up(needed.x, x);
+            }
+            _ => (),
+        }
+        rounded
+    }
+
     /// A length that is at least as long as needed (meters): a whole power of `1 + slack`. One that
     /// is held stays until it is too short, much too long, or has been two steps too long for a while.
     pub fn round_up(self, needed: f64, kept: &mut Kept<f64>) -> f64 {
@@ -154,8 +185,14 @@ impl<T> Kept<T> {
             value: None,
             frames_too_large: 0,
             growths: 0,
+            widens: None,
             hold,
         }
+    }
+
+    /// Has what is held become so many steps larger than it would be if it were new, unless it is that large.
+    pub fn widen(&mut self, headroom: u32) {
+        self.widens = Some(headroom);
     }
 
     /// Holds on in another way.
@@ -165,7 +202,9 @@ impl<T> Kept<T> {
 
     /// A frame in which nothing is needed: so many in all, and what is held is let go.
     pub fn wait(&mut self) {
-        self.frames_too_large += 1;
+        if self.value.is_some() {
+            self.frames_too_large += 1;
+        }
         if self.frames_too_large > self.hold.frames {
             self.forget();
         }
@@ -174,6 +213,14 @@ impl<T> Kept<T> {
     /// Lets go of what is held.
     pub fn forget(&mut self) {
         *self = Self::with(self.hold);
+    }
+}
+
+impl Kept<f64> {
+    /// Whether it has become larger than it was.
+    fn has_grown(&self, before: &Self) -> bool {
+        let pair = self.value.zip(before.value);
+        pair.is_some_and(|(now, before)| now > before)
     }
 }
 
@@ -187,17 +234,21 @@ impl<T: Copy> Kept<T> {
         suffices: impl Fn(T) -> bool,
         steps_too_large: impl Fn(T) -> f64,
     ) -> T {
+        let widens = self.widens.take();
         let Some(value) = self.value else {
             return *self.value.insert(needed(0.0));
         };
         let mut headroom = 0;
         if suffices(value) {
             let steps = steps_too_large(value);
-            if steps <= 1.0 {
+            // Half a step allows for rounding: they are whole ones.
+            let widened = widens.filter(|widened| steps < f64::from(*widened) - 0.5);
+            if let Some(widened) = widened {
+                headroom = widened;
+            } else if steps <= 1.0 {
                 self.frames_too_large = 0;
                 return value;
-            }
-            if steps <= hold.steps {
+            } else if steps <= hold.steps {
                 if self.frames_too_large < hold.frames {
                     self.frames_too_large += 1;
                     return value;

@@ -202,21 +202,22 @@ impl CascadeHistory {
         held.map_or(self.sun.texel, |held| held.min(self.sun.texel))
     }
 
-    /// Lets go of what the slice was.
-    fn forget_slice(&mut self) {
+    /// Lets go of what the slice was; but for a steady map's extent, if that is to be held in some way.
+    fn forget_slice(&mut self, hold: Option<Hold>) {
         self.bounds.iter_mut().for_each(Kept::forget);
         self.depths.iter_mut().for_each(Kept::forget);
-        self.extent.iter_mut().for_each(Kept::forget);
+        for extent in &mut self.extent {
+            match hold.filter(|_| self.fit == Some(MapFit::Steady)) {
+                Some(hold) => extent.hold_as(hold),
+                None => extent.forget(),
+            }
+        }
     }
 
-    /// The same where nothing is seen of it, but for a map's extent that may soon be needed again.
-    fn miss_slice(&mut self, is_soon_seen: bool) {
-        let extent = self.extent;
-        self.forget_slice();
-        if is_soon_seen && self.fit == Some(MapFit::Steady) {
-            self.extent = extent;
-            self.extent.iter_mut().for_each(Kept::wait);
-        }
+    /// The same where nothing is seen of it.
+    fn miss_slice(&mut self, hold: Option<Hold>) {
+        self.forget_slice(hold);
+        self.extent.iter_mut().for_each(Kept::wait);
     }
 }
 
@@ -247,23 +248,23 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
     let range = layout::split_range(inputs, history.range, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices, &mut history.faces);
     let layout = Layout::new(inputs, range, slices);
-    // Cascades of other slices have nothing to hold on to.
+    // Cascades of other slices have little to hold on to.
     let slices = layout.slices();
     let is_same = history.range.replace(range) == Some(range) && history.slices == Some(slices);
     if !is_same {
-        history
-            .cascades
-            .iter_mut()
-            .for_each(CascadeHistory::forget_slice);
+        let hold = history.turning.other_slices(layout.interval(0).1);
+        for cascade in &mut history.cascades {
+            cascade.forget_slice(hold);
+        }
     }
     history.slices = Some(slices);
     history.first_plane = layout.interval(0).1;
 
     let kept = &mut history.cascades;
     let volumes = layout.volumes(inputs, kept);
-    for (volume, kept) in volumes.iter().zip(kept.iter_mut()) {
-        if volume.is_none() {
-            kept.miss_slice(history.turning.goes_on());
+    for (index, kept) in kept.iter_mut().enumerate() {
+        if volumes.get(index).is_none_or(Option::is_none) {
+            kept.miss_slice(history.turning.unseen_slices());
         }
     }
     let due = sun::due(inputs, kept);

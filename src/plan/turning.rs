@@ -30,6 +30,9 @@ const IDLE: f64 = 0.00175;
 /// in so many frames in a row.
 const IDLE_FRAMES: u32 = 10;
 
+/// What has been seen on the way counts no more where the first slice ends at so small a share of the depth.
+const NEARER: f64 = 0.25;
+
 /// How much a view has turned of late (radians).
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Turning {
@@ -40,6 +43,8 @@ pub(super) struct Turning {
     /// The view from which on it has been turning, and by how much (radians).
     since: Option<ViewVolume>,
     way: f64,
+    /// Depth at which the first slice ended when extents were let go of, or bounded, for the last time (meters).
+    first_plane: f64,
 }
 
 impl Turning {
@@ -76,7 +81,7 @@ impl Turning {
     }
 
     /// Whether what is seen is soon something else, so that what has been seen counts as well.
-    pub fn goes_on(&self) -> bool {
+    fn goes_on(&self) -> bool {
         self.way >= GOING_ON
     }
 
@@ -92,6 +97,24 @@ impl Turning {
             margin,
             ..Hold::LONG
         }
+    }
+
+    /// How extents are held whose slices have become others, the first one ending at `first_plane` (meters): while the
+    /// view turns, unless much too large; while it goes on turning, unless all is much nearer.
+    pub fn other_slices(&mut self, first_plane: f64) -> Option<Hold> {
+        if self.goes_on() && first_plane > NEARER * self.first_plane {
+            return Some(self.extents());
+        }
+        self.first_plane = first_plane;
+        (self.angle > SLOW).then(|| Hold {
+            steps: Hold::LONG.steps,
+            ..self.extents()
+        })
+    }
+
+    /// The same of those of which nothing is seen: while it goes on turning.
+    pub fn unseen_slices(&self) -> Option<Hold> {
+        self.goes_on().then(|| self.extents())
     }
 
     /// How the depths are that splits of steady maps are spread over.
@@ -111,8 +134,8 @@ impl Turning {
 }
 
 impl PlanHistory {
-    /// Follows a view. Steady maps are held in another way while it keeps turning, and get other extents as soon as
-    /// it turns quickly, and when it does so no more.
+    /// Follows a view. Steady maps are held in another way while it keeps turning, have more to spare as soon as
+    /// it turns quickly, and no more than before when it has stopped.
     pub(super) fn follow_turn(
         &mut self,
         inputs: &PlanInputs,
@@ -136,8 +159,10 @@ impl PlanHistory {
             }
             for extent in &mut cascade.extent {
                 extent.hold_as(now.extents());
-                if now.is_quick != before.is_quick {
-                    extent.forget();
+                match (now.is_quick != before.is_quick, now.goes_on()) {
+                    (true, false) => extent.forget(),
+                    (true, true) if now.is_quick => extent.widen(0),
+                    _ => (),
                 }
             }
         }

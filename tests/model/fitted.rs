@@ -712,6 +712,43 @@ fn what_keeps_growing_changes_seldom() {
     assert!(lengths.len() <= 12, "{lengths:?}");
 }
 
+/// Two lengths of a map grow in fewer frames than if neither knew of the other.
+#[test]
+fn lengths_of_one_map_grow_together() {
+    let slack = Slack(0.1);
+    for offset in [0.2, 0.5, 0.8] {
+        let needed = |tenth: i32| {
+            let steps = 0.1 * f64::from(tenth);
+            DVec2::new(steps, 40.0 + offset + 0.9 * steps).map(|steps| 1.1_f64.powf(steps))
+        };
+        let changes = |round: &mut dyn FnMut(DVec2) -> DVec2| {
+            let mut lengths = Vec::new();
+            for tenth in 0..=300 {
+                let (needed, length) = (needed(tenth), round(needed(tenth)));
+                assert!(length.cmpge(needed).all(), "{length} at {tenth}");
+                let is_close = length.cmplt(1.1_f64.powi(6) * needed).all();
+                assert!(is_close, "{length} at {tenth}");
+                lengths.push(length);
+            }
+            lengths.dedup();
+            lengths.len()
+        };
+        let mut kept = [Kept::with(Hold::LONG); 2];
+        let together = changes(&mut |needed| slack.round_up_both(needed, &mut kept));
+        let [mut x, mut y] = [Kept::with(Hold::LONG); 2];
+        let alone = changes(&mut |needed| {
+            DVec2::new(
+                slack.round_up(needed.x, &mut x),
+                slack.round_up(needed.y, &mut y),
+            )
+        });
+        assert!(
+            4 * together <= 3 * alone,
+            "{together} lengths, {alone} alone, {offset} steps apart"
+        );
+    }
+}
+
 /// Over flat ground.
 fn ground(eye: f64, pitch: f32) -> Scene {
     Scene {

@@ -25,6 +25,8 @@ struct Walker {
     fov: f32,
     config: ParallelSplitShadows,
     to_light: DVec3,
+    /// What stands on the ground.
+    things: Vec<OrientedBox>,
     history: PlanHistory,
 }
 
@@ -39,6 +41,7 @@ impl Walker {
                 ..Default::default()
             },
             to_light: DVec3::new(0.3, 0.7, -0.45),
+            things: Vec::new(),
             history: PlanHistory::default(),
         }
     }
@@ -55,6 +58,7 @@ impl Walker {
             center: DVec3::ZERO,
             half_axes: DMat3::from_diagonal(DVec3::new(900.0, 0.1, 900.0)),
         });
+        self.things.iter().for_each(|thing| receivers.add(thing));
         let light = LightFrame::new(self.to_light).expect("a direction");
         let inputs = PlanInputs {
             view: &view,
@@ -238,6 +242,68 @@ fn maps_keep_their_texels_where_a_view_turns_to_emptiness_and_back() {
     }
 }
 
+/// Posts to the left and to the right, nearer than the ground, have splits begin elsewhere: maps' texels stay as they are
+/// for all that, if they are not much too large.
+#[test]
+fn maps_keep_their_texels_where_a_view_turns_to_nearer_things_and_back() {
+    let nothing = CasterChanges::At(Vec::new());
+    // One that turns quickly gets more to spare, once.
+    for (degrees, most) in [(0.5_f32, 0), (-2.0, 1)] {
+        let mut walker = Walker::new(CascadeFit::Steady);
+        walker.eye.y = 6.0;
+        walker.things = [3.0, -4.0]
+            .map(|side| OrientedBox {
+                center: walker.eye + side * DVec3::new(1.0, -0.25, 0.0),
+                half_axes: DMat3::from_diagonal(DVec3::new(0.2, 1.0, 0.2)),
+            })
+            .to_vec();
+        let sides = |plans: &[CascadePlan]| -> Vec<_> {
+            let maps = plans.iter().map(|plan| plan.map.as_ref());
+            maps.map(|map| map.map(|map| map.texel)).collect()
+        };
+        let mut last = sides(&walker.plan(&nothing));
+        let (mut changes, mut splits) = (0, Vec::<u64>::new());
+        for _ in 0..600 {
+            walker.yaw += degrees.to_radians();
+            let plans = walker.plan(&nothing);
+            splits.push(plans[0].far.to_bits());
+            let now = sides(&plans);
+            changes += u32::from(now != last);
+            last = now;
+        }
+        splits.dedup();
+        assert!(splits.len() > 1, "splits stay where they are");
+        assert!(changes <= most, "{changes} changes at {degrees} degrees");
+        for _ in 0..10 {
+            walker.plan(&nothing);
+        }
+        let times = times_too_large(&mut walker);
+        let is_bounded = times.iter().all(|it| *it < MOST_TIMES);
+        assert!(is_bounded, "{times:?} at {degrees} degrees");
+    }
+}
+
+/// What has been seen afar on the way does not make maps of what is next to the camera as coarse.
+#[test]
+fn maps_become_finer_where_a_view_turns_to_what_is_much_nearer() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    walker.eye.y = 60.0;
+    walker.things = vec![OrientedBox {
+        center: walker.eye + DVec3::new(2.0, -1.0, 0.0),
+        half_axes: DMat3::from_diagonal(DVec3::new(0.5, 0.5, 3.0)),
+    }];
+    let mut nearest = f64::INFINITY;
+    for frame in 0..250 {
+        walker.yaw += 1.0_f32.to_radians();
+        nearest = nearest.min(walker.plan(&nothing)[0].far);
+        let times = times_too_large(&mut walker);
+        let is_bounded = times.iter().all(|it| *it < MOST_TIMES);
+        assert!(is_bounded, "{times:?} in frame {frame}");
+    }
+    assert!(nearest < 20.0, "{nearest} m");
+}
+
 /// A turn is one about where the view is: what was seen from elsewhere, or through another lens, counts no more.
 #[test]
 fn maps_become_finer_where_a_view_turns_and_comes_near() {
@@ -393,6 +459,7 @@ fn held_maps_know_which_casters_matter_now() {
         let mut newcomer = Walker {
             config: walker.config.clone(),
             history: PlanHistory::default(),
+            things: Vec::new(),
             ..walker
         };
         for (plan, fresh) in plans.iter().zip(newcomer.plan(&nothing)) {

@@ -187,14 +187,12 @@ impl Studio {
         let lens = self.lens();
         let to_sun = interval.to_sun(start, 0.5 * pictures);
         let mut points = tracer.every(&lens, to_sun, STRIDE);
-        points.retain(|(_, sample)| {
-            (0..INSTANTS).all(|instant| {
-                let share = instant as f64 / (INSTANTS - 1) as f64;
-                let frame = pictures * ((1.0 + 2.0 * AROUND) * share - AROUND);
-                let to_sun = interval.to_sun(start, frame);
-                sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(sample, to_sun) == sample.lit
-            })
+        let suns: [DVec3; INSTANTS] = core::array::from_fn(|instant| {
+            let share = instant as f64 / (INSTANTS - 1) as f64;
+            let frame = pictures * ((1.0 + 2.0 * AROUND) * share - AROUND);
+            interval.to_sun(start, frame)
         });
+        points.retain(|(_, sample)| tracer.is_same_under(sample, &suns));
         let looks = LOOKS.map(|share| {
             let to_sun = interval.to_sun(start, interval.picture(share) as f64);
             let samples = tracer.picture(&lens, to_sun);

@@ -197,9 +197,7 @@ impl core::ops::AddAssign for Flips {
 pub fn steady(tracer: &Tracer, samples: &[Option<Sample>], to_sun: DVec3) -> Vec<bool> {
     let same = |sample: &Option<Sample>| {
         let sample = sample.filter(|sample| sample.faces_sun);
-        sample.is_some_and(|sample| {
-            sample.normal.dot(to_sun) > 0.0 && tracer.is_lit(&sample, to_sun) == sample.lit
-        })
+        sample.is_some_and(|sample| tracer.is_same_under(&sample, &[to_sun]))
     };
     let chunks = samples.par_chunk_map(ComputeTaskPool::get(), 1024, |_, chunk| {
         chunk.iter().map(same).collect::<Vec<bool>>()

@@ -1,12 +1,12 @@
 //! Steadiness: points of surfaces followed while a camera goes its way.
 //!
-//! Nothing moves but the camera, so a point's truth stays the same: whenever its answer changes, that
-//! is the shadows' doing. A picture answers at pixels' centers only; what a point's answer was one frame
+//! Nothing moves but the camera, so a point's truth stays the same (or the sun does too, and points count whose truth
+//! it leaves alone): whenever its answer changes, that is the shadows' doing. A picture answers at pixels' centers only; what a point's answer was one frame
 //! before is what the four pixels around it then agreed on, if their truth is the point's. Where they did
 //! not, an edge of the shadow passes there, and nothing is known.
 
 use bevy::{
-    math::{DVec2, DVec3},
+    math::{DQuat, DVec2, DVec3},
     platform::{collections::HashMap, sync::Arc},
     prelude::*,
 };
@@ -27,21 +27,16 @@ use super::{
 pub const FRAMES: usize = 600;
 /// … in a second.
 const RATE: f32 = 60.0;
-/// Frames between those that are looked at whatever happens.
-const PERIOD: usize = 120;
-/// The first of them.
+/// The first of those that are looked at whatever happens.
 const FIRST: usize = 60;
-/// Of the frames in which a map changes its grid, so many are looked at, evenly spread.
-const MOST_CHANGES: usize = 4;
-/// Points are so many pixels apart, both ways.
-const STRIDE: usize = 2;
+/// Frames between cuts.
+const PERIOD: usize = 120;
+/// Points count under moving suns whose truth stays what it is while the sun goes so far either way (degrees).
+const AROUND: [f64; 6] = [-0.3, -0.12, -0.05, 0.05, 0.12, 0.3];
 /// A map keeps its grid if its texels move by whole texels, but for so many.
 const SAME_GRID: f64 = 0.05;
 /// No camera comes nearer to the ground than this (meters).
 const LEAST_HEIGHT: f32 = 2.0;
-
-/// Pairs of frames of a path that are looked at under every setting.
-pub const LOOKED_AT: usize = (FRAMES - FIRST).div_ceil(PERIOD);
 
 /// Settings that are followed unless others are asked for.
 pub const FOLLOWED: [&str; 6] = [
@@ -60,6 +55,8 @@ pub enum Path {
     Rest,
     /// Goes ahead over the ground for five seconds, then back (meters per second).
     Ahead(f32),
+    /// The same, while the sun goes up (degrees per second).
+    UnderSun(f32, f32),
     /// Turns to the left (degrees per second).
     Turn(f32),
     /// Looks down to its feet and back to the horizon, every four seconds.
@@ -71,7 +68,7 @@ pub enum Path {
 }
 
 impl Path {
-    /// All, with their names in tables.
+    /// All under a sun that rests, with their names in tables.
     pub const ALL: [(&'static str, Self); 9] = [
         ("rest", Self::Rest),
         ("walk, 1.5 m/s", Self::Ahead(1.5)),
@@ -83,6 +80,33 @@ impl Path {
         ("zoom", Self::Zoom),
         ("three cuts", Self::Cuts),
     ];
+
+    /// Under a sun that rests and one that moves, over points chosen alike.
+    pub const UNDER_SUNS: [(&'static str, Self); 2] = [
+        ("walk, sun at rest", Self::UnderSun(1.5, 0.0)),
+        ("walk, sun 0.3°/s", Self::UnderSun(1.5, 0.3)),
+    ];
+
+    /// How closely it is looked at: steps of suns are many and small.
+    fn looks(self) -> Looks {
+        match self {
+            Self::UnderSun(..) => Looks {
+                period: 18,
+                most_changes: 30,
+                stride: 1,
+            },
+            _ => Looks {
+                period: PERIOD,
+                most_changes: 4,
+                stride: 2,
+            },
+        }
+    }
+
+    /// Frames whose predecessors are looked at too, under every setting.
+    pub fn regular_frames(self) -> impl ExactSizeIterator<Item = usize> {
+        (FIRST..FRAMES).step_by(self.looks().period)
+    }
 
     /// How camera and sun stand at a frame. `ground` is its height at (x, z).
     pub fn stance(
@@ -96,9 +120,14 @@ impl Path {
         let there_and_back = whole / 2.0 - (seconds - whole / 2.0).abs();
         let mut stance = poses[0].clone();
         let camera = &mut stance.camera;
+        if let Self::UnderSun(_, speed) = self {
+            let degrees = speed * (seconds - whole / 2.0);
+            let rise = rise(stance.sun.back().as_dvec3(), f64::from(degrees));
+            stance.sun.rotate(rise.as_quat());
+        }
         match self {
             Self::Rest => (),
-            Self::Ahead(speed) => {
+            Self::Ahead(speed) | Self::UnderSun(speed, _) => {
                 let forward = *camera.forward() * Vec3::new(1.0, 0.0, 1.0);
                 camera.translation += forward.normalize_or(Vec3::NEG_Z) * (speed * there_and_back);
                 let floor = ground(camera.translation.x, camera.translation.z) + LEAST_HEIGHT;
@@ -132,6 +161,22 @@ impl Path {
     fn is_cut(self, frame: usize) -> bool {
         self == Self::Cuts && (1..=3).any(|index| Self::cut(index) == frame)
     }
+}
+
+/// How a sun turns as it goes up.
+fn rise(to_sun: DVec3, degrees: f64) -> DQuat {
+    let level = to_sun.cross(DVec3::Y).normalize_or(DVec3::X);
+    DQuat::from_axis_angle(level, degrees.to_radians())
+}
+
+/// What is looked at of a path.
+struct Looks {
+    /// Frames between those that are looked at whatever happens.
+    period: usize,
+    /// Of the frames in which a map changes its grid, so many are looked at, evenly spread.
+    most_changes: usize,
+    /// Points are so many pixels apart, both ways.
+    stride: usize,
 }
 
 /// How steady and how right a setting is along a path.
@@ -172,11 +217,6 @@ pub struct Route {
     pairs: HashMap<usize, Pair>,
 }
 
-/// Frames whose predecessors are looked at too.
-fn regular_frames() -> impl Iterator<Item = usize> {
-    (FIRST..FRAMES).step_by(PERIOD)
-}
-
 impl Studio {
     /// What rays along paths meet: the scene as it is before a pose.
     pub fn tracer(&mut self, pose: &Stance) -> Arc<Tracer> {
@@ -200,7 +240,7 @@ impl Studio {
             tracer: tracer.clone(),
             pairs: HashMap::default(),
         };
-        for frame in regular_frames() {
+        for frame in path.regular_frames() {
             let pair = self.pair(&route, frame);
             route.pairs.insert(frame, pair);
         }
@@ -210,9 +250,15 @@ impl Studio {
     fn pair(&mut self, route: &Route, frame: usize) -> Pair {
         let to_sun = route.stances[frame].sun.back().as_dvec3().normalize();
         let now = self.waypoint(route, frame);
+        let stride = route.path.looks().stride;
+        let mut points = route.tracer.every(&now.lens, to_sun, stride);
+        if let Path::UnderSun(..) = route.path {
+            let suns = AROUND.map(|degrees| rise(to_sun, degrees) * to_sun);
+            points.retain(|(_, sample)| route.tracer.is_same_under(sample, &suns));
+        }
         Pair {
             before: self.waypoint(route, frame - 1),
-            points: route.tracer.every(&now.lens, to_sun, STRIDE),
+            points,
             to_sun,
             now,
         }
@@ -242,8 +288,11 @@ impl Studio {
             work: every,
         } = self.pass_along(route, setting);
         let drawn = self.share_drawn(&route.stances, every);
-        let step = changes.len().div_ceil(MOST_CHANGES).max(1);
-        let mut looked_at: Vec<usize> = regular_frames().collect();
+        let step = changes
+            .len()
+            .div_ceil(route.path.looks().most_changes)
+            .max(1);
+        let mut looked_at: Vec<usize> = route.path.regular_frames().collect();
         looked_at.extend(changes.iter().step_by(step));
         looked_at.sort_unstable();
         looked_at.dedup();
@@ -308,7 +357,7 @@ impl Studio {
                 passage.changes.push(frame);
             }
             let [before, now] = held;
-            if (is_change || regular_frames().any(|it| it == frame))
+            if (is_change || route.path.regular_frames().any(|it| it == frame))
                 && let Some(before) = before
             {
                 passage.held.insert(frame, before);
