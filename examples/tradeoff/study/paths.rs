@@ -1,9 +1,9 @@
 //! Steadiness: points of surfaces followed while a camera goes its way.
 //!
-//! Nothing moves but the camera, so a point's truth stays the same (or the sun does too, and points count whose truth
-//! it leaves alone): whenever its answer changes, that is the shadows' doing. A picture answers at pixels' centers only; what a point's answer was one frame
-//! before is what the four pixels around it then agreed on, if their truth is the point's. Where they did
-//! not, an edge of the shadow passes there, and nothing is known.
+//! Nothing moves but the camera, so a point's truth stays the same (or the sun moves too, and points count whose
+//! truth it leaves alone): whenever its answer changes, that is the shadows' doing. A picture answers at pixels'
+//! centers only; what a point's answer was one frame before is what the four pixels around it then agreed on, if
+//! their truth is the point's. Where they did not, an edge of the shadow passes there, and nothing is known.
 
 use bevy::{
     math::{DQuat, DVec2, DVec3},
