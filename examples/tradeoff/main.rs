@@ -43,7 +43,8 @@ use scene_stage::SceneStage;
 use study::{
     day::sun_settings,
     flicker::Motion,
-    paths::{FOLLOWED, Path, PathRow},
+    path::Path,
+    paths::{FOLLOWED, PathRow},
     pictures,
     row::{Row, rounded},
     run::{Effort, Outcome, View},

@@ -22,7 +22,8 @@ use crate::{
     stage::take_turn,
     study::{
         gather::{Geometry, Surface},
-        paths::{Path, Route},
+        path::Path,
+        paths::Route,
         pictures,
         row::{COLUMNS, Row},
         run::{Effort, Outcome, View},

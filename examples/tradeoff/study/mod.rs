@@ -10,6 +10,7 @@ mod drawn;
 pub mod faults;
 pub mod flicker;
 pub mod maps;
+pub mod path;
 pub mod paths;
 pub mod pictures;
 pub mod row;
