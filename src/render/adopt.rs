@@ -37,12 +37,28 @@ use super::{
 };
 use crate::support::{Obstacle, ShadowSupport};
 
-/// Bevy's occlusion culling has no late phase for cascades and would drop casters for a frame.
-pub(super) fn disable_occlusion_culling(
+/// Whether any map is to be the plugin's, or has been.
+pub(super) fn has_maps(extracted: Res<ExtractedShadows>, target: Res<ShadowTarget>) -> bool {
+    !extracted.lights.is_empty() || target.exists()
+}
+
+/// Readies what Bevy makes views of: no occlusion culling, which has no late phase for cascades and would drop casters
+/// for a frame, and no large array for maps that live in the target, and are not drawn into it. Unless slots may run
+/// out, which only [`adopt_views`] finds out, too late to make it large again.
+pub(super) fn ready_lights(
     extracted: Res<ExtractedShadows>,
+    target: Res<ShadowTarget>,
     mut lights: Query<(&MainEntity, &mut ExtractedDirectionalLight)>,
+    mut built_in: ResMut<DirectionalLightShadowMap>,
     mut told: Local<MainEntityHashSet>,
 ) {
+    let slots = lights.iter().count() + extracted.lights.len();
+    let is_unused = !extracted.lights.is_empty() && target.exists();
+    built_in.size = if is_unused && slots <= MAX_DIRECTIONAL_LIGHTS {
+        1
+    } else {
+        extracted.built_in_size
+    };
     for (light, mut extracted_light) in &mut lights {
         if extracted_light.occlusion_culling && extracted.lights.contains_key(light) {
             extracted_light.occlusion_culling = false;
@@ -53,23 +69,6 @@ pub(super) fn disable_occlusion_culling(
             }
         }
     }
-}
-
-/// Nothing is drawn into Bevy's array while its maps live in the target: it need not be large.
-/// Unless slots may run out, which only [`adopt_views`] finds out, too late to make it large again.
-pub(super) fn shrink_built_in_maps(
-    extracted: Res<ExtractedShadows>,
-    target: Res<ShadowTarget>,
-    lights: Query<(), With<ExtractedDirectionalLight>>,
-    mut built_in: ResMut<DirectionalLightShadowMap>,
-) {
-    let slots = lights.iter().count() + extracted.lights.len();
-    let is_unused = !extracted.lights.is_empty() && target.exists();
-    built_in.size = if is_unused && slots <= MAX_DIRECTIONAL_LIGHTS {
-        1
-    } else {
-        extracted.built_in_size
-    };
 }
 
 #[derive(QueryData)]

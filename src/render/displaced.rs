@@ -24,6 +24,12 @@ pub(super) struct Told {
     until: Tick,
 }
 
+/// Whether any material may move meshes.
+pub(super) fn are_possible(materials: Option<Res<ErasedRenderAssets<PreparedMaterial>>>) -> bool {
+    let mut materials = materials.iter().flat_map(|it| it.iter());
+    materials.any(|(_, material)| has_vertex_shader(&material.properties))
+}
+
 /// Tells the main world, where bounds are used.
 pub(super) fn note_displaced_meshes(
     materials: Res<ErasedRenderAssets<PreparedMaterial>>,

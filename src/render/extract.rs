@@ -201,6 +201,7 @@ pub(super) fn extract_shadows(
 #[derive(QueryData)]
 #[query_data(mutable)]
 pub(super) struct LateLight {
+    entity: Entity,
     light: &'static DirectionalLight,
     config: &'static CascadeShadowConfig,
     cascades: &'static mut Cascades,
@@ -208,42 +209,64 @@ pub(super) struct LateLight {
     lists: &'static mut CascadesVisibleEntities,
 }
 
-type LateViews<'w, 's> = (
-    Query<'w, 's, (Entity, &'static Camera), With<Camera3d>>,
-    Query<'w, 's, LateLight>,
-);
+type LateCameras<'w, 's> = Query<'w, 's, (Entity, &'static Camera), With<Camera3d>>;
+
+/// Lights, and cameras that render and that they have no cascades for.
+fn missing_views(
+    lights: &Query<LateLightReadOnly>,
+    cameras: &LateCameras,
+) -> impl Iterator<Item = (Entity, Entity)> {
+    let shadowed = lights.iter().filter(|it| it.light.shadow_maps_enabled);
+    shadowed.flat_map(|it| {
+        let active = cameras.iter().filter(|(_, camera)| camera.is_active);
+        let missing = active.filter(move |(camera, _)| {
+            let is_complete = |len: Option<usize>| len == Some(it.config.bounds.len());
+            let has_cascades = is_complete(it.cascades.cascades.get(camera).map(Vec::len));
+            let has_frusta = is_complete(it.frusta.frusta.get(camera).map(Vec::len));
+            !(has_cascades && has_frusta && it.lists.entities.contains_key(camera))
+        });
+        missing.map(move |(camera, _)| (it.entity, camera))
+    })
+}
+
+pub(super) fn are_views_missing(
+    lights: Extract<Query<LateLightReadOnly>>,
+    cameras: Extract<LateCameras>,
+) -> bool {
+    missing_views(&lights, &cameras).next().is_some()
+}
 
 /// Bevy's renderer expects every active camera in every shadowed light's maps and panics over
 /// one that was activated, or a light that was enabled, after they were filled. Such a view
 /// gets cascades that cover nothing, for the one frame.
 pub(super) fn fill_missing_views(
     mut main_world: ResMut<MainWorld>,
-    mut state: Local<Option<SystemState<LateViews<'static, 'static>>>>,
+    mut state: Local<
+        Option<
+            SystemState<(
+                Query<'static, 'static, LateLight>,
+                LateCameras<'static, 'static>,
+            )>,
+        >,
+    >,
 ) {
     let world: &mut World = &mut main_world;
     let state = state.get_or_insert_with(|| SystemState::new(world));
-    let Ok((cameras, mut lights)) = state.get_mut(world) else {
+    let Ok((mut lights, cameras)) = state.get_mut(world) else {
         return;
     };
-    for mut it in &mut lights {
-        if !it.light.shadow_maps_enabled {
+    let missing: Vec<_> = missing_views(&lights.as_readonly(), &cameras).collect();
+    for (light, camera) in missing {
+        let Ok(mut it) = lights.get_mut(light) else {
             continue;
-        }
+        };
         let count = it.config.bounds.len();
-        for (camera, _) in cameras.iter().filter(|(_, camera)| camera.is_active) {
-            let is_complete = |len: Option<usize>| len == Some(count);
-            let has_cascades = is_complete(it.cascades.cascades.get(&camera).map(Vec::len));
-            let has_frusta = is_complete(it.frusta.frusta.get(&camera).map(Vec::len));
-            if has_cascades && has_frusta && it.lists.entities.contains_key(&camera) {
-                continue;
-            }
-            let empty = empty_cascade();
-            let frustum = Frustum(ViewFrustum::from_clip_from_world(&empty.clip_from_world));
-            it.cascades.cascades.insert(camera, vec![empty; count]);
-            it.frusta.frusta.insert(camera, vec![frustum; count]);
-            it.lists
-                .entities
-                .insert(camera, vec![Default::default(); count]);
-        }
+        let empty = empty_cascade();
+        let frustum = Frustum(ViewFrustum::from_clip_from_world(&empty.clip_from_world));
+        it.cascades.cascades.insert(camera, vec![empty; count]);
+        it.frusta.frusta.insert(camera, vec![frustum; count]);
+        it.lists
+            .entities
+            .insert(camera, vec![Default::default(); count]);
     }
 }

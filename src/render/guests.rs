@@ -32,22 +32,26 @@ fn type_of<Marker>(system: impl IntoSystem<(), (), Marker>) -> TypeId {
     IntoSystem::into_system(system).system_type()
 }
 
-/// Warns once, as soon as there are maps, if a system of another crate draws into maps as though they were
-/// Bevy's, and none draws into the plugin's.
-pub(super) fn warn_of_guests(
+/// True once: as soon as there are maps, and it is known what `Core3d` runs.
+pub(super) fn may_be_there(
     schedules: Res<Schedules>,
     target: Res<ShadowTarget>,
-    shadow_view: Local<ShadowViewId>,
     mut is_done: Local<bool>,
-) {
+) -> bool {
     if *is_done || !target.exists() {
-        return;
+        return false;
     }
+    let core = schedules.get(Core3d);
     // Before its first run nothing is known of it.
+    *is_done = core.is_some_and(|it| it.systems_with_access().is_ok());
+    *is_done
+}
+
+/// Warns if a system of another crate draws into maps as though they were Bevy's, and none draws into the plugin's.
+pub(super) fn warn_of_guests(schedules: Res<Schedules>, shadow_view: Local<ShadowViewId>) {
     let Some(Ok(systems)) = schedules.get(Core3d).map(|it| it.systems_with_access()) else {
         return;
     };
-    *is_done = true;
     let guests = schedules
         .get(DrawShadowMap)
         .map_or(0, Schedule::systems_len);

@@ -4,10 +4,8 @@
 //! casters have been drawn: meshes and materials load, pipelines are compiled, layers are allocated anew.
 
 use bevy::{
-    asset::AssetEvent,
     ecs::{
         entity::{Entity, EntityHashMap},
-        message::MessageReader,
         query::QueryData,
         resource::Resource,
         system::{Commands, Local, Query, Res, ResMut, SystemParam},
@@ -18,14 +16,13 @@ use bevy::{
         LightEntity, MeshesToReextractNextFrame, PendingShadowQueues, RenderMeshInstances, Shadow,
     },
     render::{
-        Extract,
         camera::DirtySpecializations,
         render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
         render_resource::{CachedPipelineState, PipelineCache, PipelineDescriptor},
         sync_world::{MainEntity, MainEntityHashSet},
         view::{ExtractedView, RenderShadowMapVisibleEntities, RetainedViewEntity},
     },
-    shader::{Shader, ShaderCacheError},
+    shader::ShaderCacheError,
 };
 
 use super::{ExtractedShadows, added::AddedViews, layout::AdoptedMap, target::ShadowTarget};
@@ -91,6 +88,11 @@ impl DrawnMaps {
     /// Whether only casters that a view's layer does not hold yet are drawn in this frame.
     pub fn is_added_to(&self, view: Entity) -> bool {
         self.is(view, Drawn::Added)
+    }
+
+    /// Has all maps drawn anew.
+    pub fn forget(&mut self) {
+        self.maps.clear();
     }
 
     /// For how many frames a view's layer has stayed as it is.
@@ -236,7 +238,7 @@ pub(super) struct Missing {
     computes: Vec<usize>,
 }
 
-/// Counts how often maps have been drawn whole.
+/// Counts how often maps have been drawn whole, where any is drawn.
 pub(super) fn note_whole_maps(
     mut drawn: ResMut<DrawnMaps>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
@@ -246,10 +248,7 @@ pub(super) fn note_whole_maps(
     mut last: Local<(Missing, u32)>,
 ) {
     let maps = drawn.maps.values_mut();
-    let drawn: Vec<_> = maps.filter(|map| map.drawn != Drawn::Nothing).collect();
-    if drawn.is_empty() {
-        return;
-    }
+    let drawn = maps.filter(|map| map.drawn != Drawn::Nothing);
     let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
     let computes = pipelines.pipelines().enumerate().filter(|(_, pipeline)| {
         let descriptor = &pipeline.descriptor;
@@ -288,15 +287,5 @@ fn is_on_its_way(state: &CachedPipelineState) -> bool {
             ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable
         ),
         CachedPipelineState::Ok(_) => false,
-    }
-}
-
-/// Shaders that are loaded again draw other maps.
-pub(super) fn forget_drawn(
-    mut drawn: ResMut<DrawnMaps>,
-    mut shaders: Extract<MessageReader<AssetEvent<Shader>>>,
-) {
-    if shaders.read().count() > 0 {
-        drawn.maps.clear();
     }
 }

@@ -13,15 +13,17 @@ mod guests;
 mod hold;
 mod layout;
 mod moving;
+mod one_thread;
 mod options;
 mod pass;
 mod pipelines;
 mod second_view;
 mod shader_features;
+mod steps;
 mod target;
 mod uniform;
 
-use pass::SecondViewSystems;
+use steps::{AdoptMaps, ChooseMaps};
 
 pub use layout::AdoptedMap;
 pub use pass::{DrawShadowMap, SHADOW_PASS_SPAN, shadow_map_pass};
@@ -39,8 +41,7 @@ use bevy::{
     },
     pbr::{
         GpuDirectionalLight, MAX_CASCADES_PER_LIGHT, MAX_DIRECTIONAL_LIGHTS,
-        RenderMaterialInstances, check_views_lights_need_specialization, extract_lights,
-        main_build_indirect_parameters, prepare_lights,
+        RenderMaterialInstances, extract_lights, main_build_indirect_parameters, prepare_lights,
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
@@ -60,12 +61,12 @@ use crate::{
 /// The plugin's system sets in the render world.
 #[derive(SystemSet, Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PssmRenderSystems {
-    /// In `Render`, within `RenderSystems::PrepareViews`. After this set, the views of managed
+    /// In `Render`, within `RenderSystems::CreateViews`. After this set, the views of managed
     /// lights' maps carry `AdoptedMap` and `ShadowTarget` has a layer for each.
     AdoptViews,
-    /// In `Render`, within `RenderSystems::PrepareResources`. After this set, the shader's data
-    /// is on its way to the GPU.
-    WriteUniforms,
+    /// In `Render`, within `RenderSystems::PhaseSort`. After this set, views whose maps stay as they are have left the
+    /// frame, and the shader's data is on its way to the GPU.
+    ChooseMaps,
     /// In `Core3d`. After this set, a spot light's map is drawn. (A cascade's is, before [`DrawShadowMap`] begins.)
     DrawMaps,
 }
@@ -99,44 +100,26 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(
             ExtractSchedule,
             (
-                extract::fill_missing_views.before(extract_lights),
+                extract::fill_missing_views
+                    .run_if(extract::are_views_missing)
+                    .before(extract_lights),
                 extract::extract_shadows,
-                pipelines::extract_features,
-                hold::forget_drawn,
+                pipelines::extract_shaders.run_if(pipelines::have_shaders_changed),
             ),
         )
         .add_systems(
             Render,
             (
                 (
-                    adopt::disable_occlusion_culling,
-                    adopt::shrink_built_in_maps,
+                    adopt::ready_lights
+                        .in_set(RenderSystems::CreateViews)
+                        .before(prepare_lights),
+                    one_thread::run(AdoptMaps).in_set(PssmRenderSystems::AdoptViews),
+                    one_thread::run(ChooseMaps).in_set(PssmRenderSystems::ChooseMaps),
                 )
-                    .in_set(RenderSystems::CreateViews)
-                    .before(prepare_lights),
-                (added::add_added_views, moving::add_moving_views)
-                    .in_set(SecondViewSystems)
-                    .in_set(RenderSystems::CreateViews)
-                    .after(prepare_lights)
-                    .before(check_views_lights_need_specialization),
-                (
-                    adopt::adopt_views,
-                    (moving::make_room_apart, second_view::fit_viewports).in_set(SecondViewSystems),
-                )
-                    .chain()
-                    .in_set(PssmRenderSystems::AdoptViews),
-                uniform::write_uniforms.in_set(PssmRenderSystems::WriteUniforms),
-                (
-                    hold::hold_maps,
-                    (added::choose_added_views, moving::choose_moving_views)
-                        .in_set(SecondViewSystems),
-                    pass::collect_drawn_views,
-                )
-                    // None looks for what the others take away.
-                    .chain_ignore_deferred()
-                    .in_set(RenderSystems::PhaseSort)
-                    .after(RenderSystems::Queue),
-                (hold::note_whole_maps, guests::warn_of_guests)
+                    .run_if(adopt::has_maps),
+                guests::warn_of_guests
+                    .run_if(guests::may_be_there)
                     .in_set(RenderSystems::Cleanup)
                     .after(RenderSystems::Render),
                 pipelines::wait_for_pipelines
@@ -145,17 +128,17 @@ pub(crate) fn build(app: &mut App) {
                     .before(RenderSystems::Render),
                 displaced::note_displaced_meshes
                     .in_set(RenderSystems::Queue)
-                    .run_if(resource_exists::<RenderMaterialInstances>),
+                    .run_if(resource_exists::<RenderMaterialInstances>)
+                    .run_if(displaced::are_possible),
             ),
         )
         .configure_sets(
             Render,
             (
                 PssmRenderSystems::AdoptViews
-                    .in_set(RenderSystems::PrepareViews)
+                    .in_set(RenderSystems::CreateViews)
                     .after(prepare_lights),
-                PssmRenderSystems::WriteUniforms.in_set(RenderSystems::PrepareResources),
-                SecondViewSystems.run_if(pass::has_second_views),
+                PssmRenderSystems::ChooseMaps.in_set(RenderSystems::PhaseSort),
             ),
         )
         .configure_sets(
@@ -165,8 +148,13 @@ pub(crate) fn build(app: &mut App) {
                 .after(main_build_indirect_parameters)
                 .before(Core3dSystems::MainPass),
         )
-        .add_systems(Core3d, shadow_map_pass.in_set(PssmRenderSystems::DrawMaps));
-    for schedule in pass::schedules() {
+        .add_systems(
+            Core3d,
+            shadow_map_pass
+                .in_set(PssmRenderSystems::DrawMaps)
+                .run_if(pass::are_spots_drawn),
+        );
+    for schedule in steps::schedules().into_iter().chain(pass::schedules()) {
         render_app.add_schedule(schedule);
     }
 }

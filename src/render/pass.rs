@@ -5,11 +5,8 @@ use bevy::{
     ecs::{
         entity::Entity,
         query::{With, Without},
-        schedule::{
-            IntoScheduleConfigs, Schedule, ScheduleBuildSettings, ScheduleLabel, Schedules,
-            SingleThreadedExecutor, SystemSet,
-        },
-        system::{Commands, Query, Res, ScheduleSystem, SystemParam, SystemState},
+        schedule::{IntoScheduleConfigs, Schedule, ScheduleLabel, Schedules},
+        system::{Commands, Query, Res, SystemParam, SystemState},
         world::World,
     },
     log::error,
@@ -20,7 +17,7 @@ use bevy::{
     },
     render::{
         batching::gpu_preprocessing::{BuildIndirectParametersMetadata, IndirectParametersBuffers},
-        diagnostic::RecordDiagnostics,
+        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
         render_resource::{
             LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment,
@@ -34,12 +31,11 @@ use bevy::{
 };
 
 use super::{
-    ExtractedShadows,
     added::AddedViews,
-    extract::ExtractedLight,
-    hold::DrawnMaps,
+    hold::{DrawnMaps, note_whole_maps},
     layout::AdoptedMap,
     moving::MovingViews,
+    one_thread::schedule,
     second_view::{Over, SecondView},
     target::ShadowTarget,
 };
@@ -68,43 +64,15 @@ pub struct DrawShadowMap;
 pub(super) fn schedules() -> [Schedule; 3] {
     let preprocessing = (allocate_uniforms, unpack_bins, early_gpu_preprocess);
     [
-        schedule(DrawShadowMaps, draw_maps),
+        schedule(DrawShadowMaps, (draw_maps, note_whole_maps).chain()),
         schedule(PreprocessCasters, preprocessing.chain()),
         Schedule::new(DrawShadowMap),
     ]
 }
 
-/// One after the other: there is nothing to do at once.
-fn schedule<M>(
-    label: impl ScheduleLabel,
-    systems: impl IntoScheduleConfigs<ScheduleSystem, M>,
-) -> Schedule {
-    let mut schedule = Schedule::new(label);
-    schedule
-        .set_executor(SingleThreadedExecutor::new())
-        .set_build_settings(ScheduleBuildSettings {
-            auto_insert_apply_deferred: false,
-            ..Default::default()
-        })
-        .add_systems(systems);
-    schedule
-}
-
-/// What second views take: nothing runs while there are none, nor will be.
-#[derive(SystemSet, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct SecondViewSystems;
-
-/// Whether there are any, or are to be.
-pub(super) fn has_second_views(
-    extracted: Res<ExtractedShadows>,
-    added: Res<AddedViews>,
-    moving: Res<MovingViews>,
-) -> bool {
-    let has_casters = |light: &ExtractedLight| {
-        let mut lists = light.moving.values().chain(light.added.values()).flatten();
-        lists.any(|casters| !casters.is_empty())
-    };
-    !added.are_none() || !moving.are_none() || extracted.lights.values().any(has_casters)
+/// Whether there are maps that are drawn in `Core3d`.
+pub(super) fn are_spots_drawn(maps: Query<&AdoptedMap>) -> bool {
+    maps.iter().any(|map| map.spot_index.is_some())
 }
 
 /// Makes the root that all maps of the frame are drawn from, so that Bevy preprocesses what is in them together: maps' own
@@ -149,12 +117,18 @@ fn draw_maps(world: &mut World, pass: &mut SystemState<MapPass>) {
     let views = views.map(|it| it.lights.clone()).unwrap_or_default();
     let at_once = if has_guests { 1 } else { views.len() };
     for (index, views) in views.chunks(at_once.max(1)).enumerate() {
-        on_another_thread(|| {
+        let is_recorded = world.contains_resource::<DiagnosticsRecorder>();
+        let mut draw = || {
             if index == 0 {
                 preprocess(world);
             }
             views.iter().for_each(|view| draw_view(world, pass, *view));
-        });
+        };
+        if is_recorded {
+            on_another_thread(draw);
+        } else {
+            draw();
+        }
         if has_guests
             && views
                 .iter()

@@ -1,8 +1,10 @@
-//! Pictures are whole while the shader's parts change.
+//! Pictures are whole, and maps up to date, while shaders change.
 
 use bevy::{
+    asset::AssetEvent,
     ecs::{
         change_detection::DetectChangesMut,
+        message::MessageReader,
         resource::Resource,
         system::{Local, Res, ResMut},
     },
@@ -10,19 +12,32 @@ use bevy::{
         Extract,
         render_resource::{CachedRenderPipelineId, PipelineCache},
     },
+    shader::Shader,
 };
 
+use super::hold::DrawnMaps;
 use crate::shaders::{ShaderFeatures, ShadowModules};
 
 /// The features that are compiled into the modules of this frame.
 #[derive(Resource, Debug, Default, PartialEq)]
 pub(super) struct CompiledFeatures(Option<ShaderFeatures>);
 
-pub(super) fn extract_features(
+pub(super) fn have_shaders_changed(
+    features: Res<CompiledFeatures>,
+    modules: Extract<Res<ShadowModules>>,
+    mut shaders: Extract<MessageReader<AssetEvent<Shader>>>,
+) -> bool {
+    shaders.read().count() > 0 || features.0 != modules.compiled()
+}
+
+/// Takes over what is compiled: other shaders draw other maps.
+pub(super) fn extract_shaders(
     mut features: ResMut<CompiledFeatures>,
+    mut drawn: ResMut<DrawnMaps>,
     modules: Extract<Res<ShadowModules>>,
 ) {
     features.set_if_neq(CompiledFeatures(modules.compiled()));
+    drawn.forget();
 }
 
 /// Once features change, all pipelines that look shadows up are made anew, and what they draw would

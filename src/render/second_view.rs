@@ -10,7 +10,6 @@ use bevy::{
         query::{Has, QueryData},
         system::{Commands, Query, Res, ResMut, SystemChangeTick, SystemParam},
     },
-    math::UVec4,
     mesh::Mesh3d,
     pbr::{LightEntity, Shadow},
     render::{
@@ -24,7 +23,7 @@ use bevy::{
     },
 };
 
-use super::{ExtractedShadows, layout::AdoptedMap};
+use super::ExtractedShadows;
 use crate::config::MAX_CASCADES;
 
 /// A view that draws some casters over a map.
@@ -182,17 +181,5 @@ pub(super) fn listed(casters: &[(Entity, MainEntity)]) -> RenderVisibleEntities 
     };
     RenderVisibleEntities {
         classes: [(TypeId::of::<Mesh3d>(), class)].into_iter().collect(),
-    }
-}
-
-/// Gives second views the viewports of the maps that they draw over.
-pub(super) fn fit_viewports(
-    maps: Query<&AdoptedMap>,
-    mut views: Query<(&SecondView, &mut ExtractedView)>,
-) {
-    for (second, mut extracted) in &mut views {
-        if let Ok(map) = maps.get(second.of) {
-            extracted.viewport = UVec4::new(0, 0, map.size.x, map.size.y);
-        }
     }
 }

@@ -2,13 +2,20 @@
 
 use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
+    ecs::schedule::{Schedule, ScheduleLabel, Schedules},
     light::DirectionalLightShadowMap,
     prelude::*,
-    render::{diagnostic::RenderDiagnosticsPlugin, settings::WgpuSettings},
+    render::{
+        ExtractSchedule, Render, RenderApp, diagnostic::RenderDiagnosticsPlugin,
+        settings::WgpuSettings,
+    },
 };
 use bevy_pssm::{prelude::*, render::SHADOW_PASS_SPAN};
 
-use crate::stage::{Stage, shadows};
+use crate::{
+    headless::Headless,
+    stage::{Stage, shadows, take_turn},
+};
 
 /// Maps whose passes reported vertex shader invocations in the last frames.
 fn drawn(stage: &mut Stage) -> Vec<(usize, f64)> {
@@ -86,4 +93,25 @@ fn bevys_unused_array_takes_no_room() {
     // Bevy's maps are whole in the very frame that uses them again.
     stage.step();
     assert_eq!(size(&mut stage), 1024);
+}
+
+/// A system costs the waking of a thread, and a flush of what systems spawn makes all others wait.
+#[test]
+fn few_systems_and_no_flushes_are_added_to_a_frame() {
+    let _turn = take_turn();
+    let count = |setup: fn(&mut App)| {
+        let mut headless = Headless::new(UVec2::splat(16), setup);
+        headless.step();
+        let world = headless.app.sub_app(RenderApp).world();
+        let schedules = world.resource::<Schedules>();
+        [ExtractSchedule.intern(), Render.intern()]
+            .map(|label| schedules.get(label).map_or(0, Schedule::systems_len))
+    };
+    let with = count(|app| {
+        app.add_plugins(PssmPlugin);
+    });
+    let without = count(|_| ());
+    assert!(without[0] > 0 && without[1] > 0, "{without:?}");
+    let added = [with[0] - without[0], with[1] - without[1]];
+    assert_eq!(added, [3, 6], "of extraction, and of rendering");
 }

@@ -104,7 +104,7 @@ fn other_pass_labels() {
         app.sub_app_mut(RenderApp).add_systems(
             Render,
             rename
-                .in_set(RenderSystems::PrepareViews)
+                .in_set(RenderSystems::CreateViews)
                 .after(prepare_lights)
                 .before(PssmRenderSystems::AdoptViews),
         );

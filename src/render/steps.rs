@@ -1,0 +1,73 @@
+//! What the plugin runs in `Render`, in two steps.
+
+use bevy::ecs::{
+    schedule::{ApplyDeferred, IntoScheduleConfigs, Schedule, ScheduleLabel, SystemSet},
+    system::Res,
+};
+
+use super::{
+    ExtractedShadows,
+    added::{self, AddedViews},
+    adopt,
+    extract::ExtractedLight,
+    hold,
+    moving::{self, MovingViews},
+    one_thread::schedule,
+    pass, uniform,
+};
+
+/// Before Bevy looks at views: which maps are the plugin's, and where they lie.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct AdoptMaps;
+
+/// Once Bevy has queued casters: what is drawn in the frame.
+#[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct ChooseMaps;
+
+/// What second views take: nothing runs while there are none, nor will be.
+#[derive(SystemSet, Debug, Clone, PartialEq, Eq, Hash)]
+struct SecondViewSystems;
+
+pub(super) fn schedules() -> [Schedule; 2] {
+    let adopt = (
+        adopt::adopt_views,
+        (
+            ApplyDeferred,
+            added::add_added_views,
+            moving::add_moving_views,
+            moving::make_room_apart,
+        )
+            .chain()
+            .in_set(SecondViewSystems),
+    );
+    let choose = (
+        hold::hold_maps,
+        // None looks for what the others take away, once the schedule has ended.
+        (added::choose_added_views, moving::choose_moving_views)
+            .chain()
+            .in_set(SecondViewSystems),
+        pass::collect_drawn_views,
+        uniform::write_uniforms,
+    );
+    [
+        schedule(AdoptMaps, adopt.chain()),
+        schedule(ChooseMaps, choose.chain()),
+    ]
+    .map(|mut schedule| {
+        schedule.configure_sets(SecondViewSystems.run_if(has_second_views));
+        schedule
+    })
+}
+
+/// Whether there are second views, or are to be.
+fn has_second_views(
+    extracted: Res<ExtractedShadows>,
+    added: Res<AddedViews>,
+    moving: Res<MovingViews>,
+) -> bool {
+    let has_casters = |light: &ExtractedLight| {
+        let mut lists = light.moving.values().chain(light.added.values()).flatten();
+        lists.any(|casters| !casters.is_empty())
+    };
+    !added.are_none() || !moving.are_none() || extracted.lights.values().any(has_casters)
+}
