@@ -1,5 +1,5 @@
 //! Whether a view keeps turning: maps then serve for what it has seen on the way and, if it turns quickly, have
-//! more to spare, so that they are drawn less often.
+//! more to spare, so that they are drawn less often. And whether it zooms: then they have nothing to spare.
 
 use super::{PlanHistory, PlanInputs, cut::is_elsewhere};
 use crate::{
@@ -33,7 +33,21 @@ const IDLE_FRAMES: u32 = 10;
 /// What has been seen on the way counts no more where the first slice ends at so small a share of the depth.
 const NEARER: f64 = 0.25;
 
-/// How much a view has turned of late (radians).
+/// A view zooms for so many frames after it has last shown more or less.
+const ZOOM_FRAMES: u32 = 30;
+
+/// By less (a share of what it shows) it does not: that is rounding.
+const LEAST_ZOOM: f64 = 1e-6;
+
+/// How extents are held meanwhile, closely: what is enlarged shows its texels.
+const ZOOMING: Hold = Hold {
+    steps: 2.0,
+    margin: 0.0,
+    headroom: 0,
+    ..Hold::LONG
+};
+
+/// How much a view has turned of late (radians), and whether it zooms.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Turning {
     angle: f64,
@@ -45,6 +59,8 @@ pub(super) struct Turning {
     way: f64,
     /// Depth at which the first slice ended when extents were let go of, or bounded, for the last time (meters).
     first_plane: f64,
+    /// For how many frames it still zooms.
+    zooms: u32,
 }
 
 impl Turning {
@@ -71,6 +87,12 @@ impl Turning {
         } else {
             0
         };
+        let zoom = view.image_height(first_plane) / last.image_height(first_plane);
+        self.zooms = if (zoom - 1.0).abs() > LEAST_ZOOM {
+            ZOOM_FRAMES
+        } else {
+            self.zooms.saturating_sub(1)
+        };
         let since = self.since.get_or_insert(*last);
         if self.idle < IDLE_FRAMES && !is_elsewhere(inputs, since, view, first_plane) {
             self.way = GOING_ON.min(self.way + turned);
@@ -87,6 +109,9 @@ impl Turning {
 
     /// How the extents of steady maps are held.
     fn extents(&self) -> Hold {
+        if self.zooms > 0 {
+            return ZOOMING;
+        }
         let margin = if self.is_quick {
             MARGIN
         } else {

@@ -335,6 +335,26 @@ fn maps_become_finer_where_a_view_turns_and_comes_near() {
     }
 }
 
+/// What a zoom enlarges shows its texels: meanwhile maps are not held as long as they might be.
+#[test]
+fn maps_stay_fine_while_a_view_zooms() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    let wide = walker.fov;
+    let mut worst: f64 = 1.0;
+    for frame in 0..700 {
+        // To a third and back, after a while at rest, and to it again.
+        let share = (f64::from(frame) - 100.0).max(0.0) / 300.0;
+        let there_and_back = 1.0 - (share % 2.0 - 1.0).abs();
+        walker.fov = wide / (1.0 + 2.0 * there_and_back as f32);
+        walker.plan(&nothing);
+        let times = times_too_large(&mut walker);
+        assert!(!times.is_empty());
+        worst = times.into_iter().fold(worst, f64::max);
+    }
+    assert!(worst < 1.5, "{worst}");
+}
+
 /// Wherever one goes, lookups stay inside of maps that were laid some time ago, and so do casters.
 #[test]
 fn held_maps_cover_what_is_seen() {
