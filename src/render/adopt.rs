@@ -28,18 +28,29 @@ use bevy::{
 
 use super::{
     ExtractedShadows,
+    added::AddedViews,
     extract::ExtractedCascade,
     layout::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
+    moving::MovingViews,
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
 
-/// Whether any map is to be the plugin's, or has been.
-pub(super) fn has_maps(extracted: Res<ExtractedShadows>, target: Res<ShadowTarget>) -> bool {
-    !extracted.lights.is_empty() || target.exists()
+/// Whether any map is to be the plugin's, or anything is left of those that were.
+pub(super) fn has_maps(
+    extracted: Res<ExtractedShadows>,
+    target: Res<ShadowTarget>,
+    built_in: Res<DirectionalLightShadowMap>,
+    (added, moving): (Res<AddedViews>, Res<MovingViews>),
+) -> bool {
+    let is_all_undone = !target.exists()
+        && built_in.size == extracted.built_in_size
+        && added.are_none()
+        && moving.are_none();
+    !extracted.lights.is_empty() || !is_all_undone
 }
 
 /// Readies what Bevy makes views of: no occlusion culling, which has no late phase for cascades and would drop casters
@@ -48,12 +59,13 @@ pub(super) fn has_maps(extracted: Res<ExtractedShadows>, target: Res<ShadowTarge
 pub(super) fn ready_lights(
     extracted: Res<ExtractedShadows>,
     target: Res<ShadowTarget>,
+    support: Res<ShadowSupport>,
     mut lights: Query<(&MainEntity, &mut ExtractedDirectionalLight)>,
     mut built_in: ResMut<DirectionalLightShadowMap>,
     mut told: Local<MainEntityHashSet>,
 ) {
     let slots = lights.iter().count() + extracted.lights.len();
-    let is_unused = !extracted.lights.is_empty() && target.exists();
+    let is_unused = !extracted.lights.is_empty() && target.exists() && support.may_take_over();
     built_in.size = if is_unused && slots <= MAX_DIRECTIONAL_LIGHTS {
         1
     } else {

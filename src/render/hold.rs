@@ -238,7 +238,7 @@ pub(super) struct Missing {
     computes: Vec<usize>,
 }
 
-/// Counts how often maps have been drawn whole, where any is drawn.
+/// Counts how often maps have been drawn whole.
 pub(super) fn note_whole_maps(
     mut drawn: ResMut<DrawnMaps>,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
@@ -248,7 +248,10 @@ pub(super) fn note_whole_maps(
     mut last: Local<(Missing, u32)>,
 ) {
     let maps = drawn.maps.values_mut();
-    let drawn = maps.filter(|map| map.drawn != Drawn::Nothing);
+    let drawn: Vec<_> = maps.filter(|map| map.drawn != Drawn::Nothing).collect();
+    if drawn.is_empty() {
+        return;
+    }
     let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
     let computes = pipelines.pipelines().enumerate().filter(|(_, pipeline)| {
         let descriptor = &pipeline.descriptor;

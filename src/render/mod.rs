@@ -23,7 +23,7 @@ mod steps;
 mod target;
 mod uniform;
 
-use steps::{AdoptMaps, ChooseMaps};
+use steps::{AdoptStep, ChooseStep};
 
 pub use layout::AdoptedMap;
 pub use pass::{DrawShadowMap, SHADOW_PASS_SPAN, shadow_map_pass};
@@ -114,8 +114,8 @@ pub(crate) fn build(app: &mut App) {
                     adopt::ready_lights
                         .in_set(RenderSystems::CreateViews)
                         .before(prepare_lights),
-                    one_thread::run(AdoptMaps).in_set(PssmRenderSystems::AdoptViews),
-                    one_thread::run(ChooseMaps).in_set(PssmRenderSystems::ChooseMaps),
+                    one_thread::run(AdoptStep).in_set(PssmRenderSystems::AdoptViews),
+                    one_thread::run(ChooseStep).in_set(PssmRenderSystems::ChooseMaps),
                 )
                     .run_if(adopt::has_maps),
                 guests::warn_of_guests

@@ -11,7 +11,8 @@ use bevy::ecs::{
     world::World,
 };
 
-/// A schedule of systems that follow one another. What they spawn is there after the last of them.
+/// A schedule of systems that follow one another. What they spawn or remove by commands is done after the last of them, or where
+/// there is an `ApplyDeferred` among them.
 pub(super) fn schedule<M>(
     label: impl ScheduleLabel,
     systems: impl IntoScheduleConfigs<ScheduleSystem, M>,

@@ -27,7 +27,9 @@ pub(super) fn have_shaders_changed(
     modules: Extract<Res<ShadowModules>>,
     mut shaders: Extract<MessageReader<AssetEvent<Shader>>>,
 ) -> bool {
-    shaders.read().count() > 0 || features.0 != modules.compiled()
+    // Messages are read in every frame, or they would be found later.
+    let are_any_loaded = shaders.read().count() > 0;
+    are_any_loaded || features.0 != modules.compiled()
 }
 
 /// Takes over what is compiled: other shaders draw other maps.

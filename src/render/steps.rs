@@ -16,13 +16,15 @@ use super::{
     pass, uniform,
 };
 
-/// Before Bevy looks at views: which maps are the plugin's, and where they lie.
+/// Once Bevy has made views, and before it looks for their pipelines: which maps are the plugin's, and where they lie.
+/// [`PssmRenderSystems::AdoptViews`](super::PssmRenderSystems::AdoptViews) runs it.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct AdoptMaps;
+pub(super) struct AdoptStep;
 
 /// Once Bevy has queued casters: what is drawn in the frame.
+/// [`PssmRenderSystems::ChooseMaps`](super::PssmRenderSystems::ChooseMaps) runs it.
 #[derive(ScheduleLabel, Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct ChooseMaps;
+pub(super) struct ChooseStep;
 
 /// What second views take: nothing runs while there are none, nor will be.
 #[derive(SystemSet, Debug, Clone, PartialEq, Eq, Hash)]
@@ -40,9 +42,9 @@ pub(super) fn schedules() -> [Schedule; 2] {
             .chain()
             .in_set(SecondViewSystems),
     );
+    // What these take out of the frame leaves it after the last: none of them looks whether it is there.
     let choose = (
         hold::hold_maps,
-        // None looks for what the others take away, once the schedule has ended.
         (added::choose_added_views, moving::choose_moving_views)
             .chain()
             .in_set(SecondViewSystems),
@@ -50,8 +52,8 @@ pub(super) fn schedules() -> [Schedule; 2] {
         uniform::write_uniforms,
     );
     [
-        schedule(AdoptMaps, adopt.chain()),
-        schedule(ChooseMaps, choose.chain()),
+        schedule(AdoptStep, adopt.chain()),
+        schedule(ChooseStep, choose.chain()),
     ]
     .map(|mut schedule| {
         schedule.configure_sets(SecondViewSystems.run_if(has_second_views));

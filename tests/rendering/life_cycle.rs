@@ -44,6 +44,31 @@ fn removed_is_as_if_never_added() {
 }
 
 #[test]
+fn removed_while_nothing_renders_is_as_if_never_added() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let never = stage.picture();
+    stage.world().entity_mut(sun).insert(shadows());
+    stage.picture();
+    let activate = |stage: &mut Stage, is_active| {
+        let world = stage.world();
+        for mut camera in world.query::<&mut Camera>().iter_mut(world) {
+            camera.is_active = is_active;
+        }
+    };
+    // The maps go first, and then the light is left to Bevy.
+    activate(&mut stage, false);
+    stage.step();
+    stage
+        .world()
+        .entity_mut(sun)
+        .remove::<ParallelSplitShadows>();
+    stage.step();
+    activate(&mut stage, true);
+    assert_identical("removed_unseen", &stage.picture(), &never);
+}
+
+#[test]
 fn every_change_takes_effect_in_its_frame() {
     let mut stage = Stage::new();
     let sun = stage.sun();
