@@ -36,8 +36,8 @@ const NEARER: f64 = 0.25;
 /// A view zooms for so many frames after it has last shown more or less.
 const ZOOM_FRAMES: u32 = 30;
 
-/// By less (a share of what it shows) it does not: that is rounding.
-const LEAST_ZOOM: f64 = 1e-6;
+/// By less (a share of what it shows) it does not: lenses may breathe, and numbers are rounded.
+const LEAST_ZOOM: f64 = 1e-3;
 
 /// How extents are held meanwhile, closely: what is enlarged shows its texels.
 const ZOOMING: Hold = Hold {
@@ -59,7 +59,8 @@ pub(super) struct Turning {
     way: f64,
     /// Depth at which the first slice ended when extents were let go of, or bounded, for the last time (meters).
     first_plane: f64,
-    /// For how many frames it still zooms.
+    /// The view that showed more or less, for the last time, and for how many frames it still zooms.
+    lens: Option<ViewVolume>,
     zooms: u32,
 }
 
@@ -87,12 +88,14 @@ impl Turning {
         } else {
             0
         };
-        let zoom = view.image_height(first_plane) / last.image_height(first_plane);
-        self.zooms = if (zoom - 1.0).abs() > LEAST_ZOOM {
-            ZOOM_FRAMES
+        let lens = self.lens.get_or_insert(*last);
+        let zoom = view.image_height(first_plane) / lens.image_height(first_plane);
+        if (zoom - 1.0).abs() > LEAST_ZOOM {
+            *lens = *view;
+            self.zooms = ZOOM_FRAMES;
         } else {
-            self.zooms.saturating_sub(1)
-        };
+            self.zooms = self.zooms.saturating_sub(1);
+        }
         let since = self.since.get_or_insert(*last);
         if self.idle < IDLE_FRAMES && !is_elsewhere(inputs, since, view, first_plane) {
             self.way = GOING_ON.min(self.way + turned);
@@ -131,9 +134,12 @@ impl Turning {
             return Some(self.extents());
         }
         self.first_plane = first_plane;
-        (self.angle > SLOW).then(|| Hold {
-            steps: Hold::LONG.steps,
-            ..self.extents()
+        (self.angle > SLOW).then(|| {
+            let extents = self.extents();
+            Hold {
+                steps: extents.steps.min(Hold::LONG.steps),
+                ..extents
+            }
         })
     }
 
