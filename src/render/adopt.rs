@@ -28,30 +28,14 @@ use bevy::{
 
 use super::{
     ExtractedShadows,
-    added::AddedViews,
     extract::ExtractedCascade,
     layout::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
-    moving::MovingViews,
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
-
-/// Whether any map is to be the plugin's, or anything is left of those that were.
-pub(super) fn has_maps(
-    extracted: Res<ExtractedShadows>,
-    target: Res<ShadowTarget>,
-    built_in: Res<DirectionalLightShadowMap>,
-    (added, moving): (Res<AddedViews>, Res<MovingViews>),
-) -> bool {
-    let is_all_undone = !target.exists()
-        && built_in.size == extracted.built_in_size
-        && added.are_none()
-        && moving.are_none();
-    !extracted.lights.is_empty() || !is_all_undone
-}
 
 /// Readies what Bevy makes views of: no occlusion culling, which has no late phase for cascades and would drop casters
 /// for a frame, and no large array for maps that live in the target, and are not drawn into it. Unless slots may run

@@ -117,7 +117,7 @@ pub(crate) fn build(app: &mut App) {
                     one_thread::run(AdoptStep).in_set(PssmRenderSystems::AdoptViews),
                     one_thread::run(ChooseStep).in_set(PssmRenderSystems::ChooseMaps),
                 )
-                    .run_if(adopt::has_maps),
+                    .run_if(steps::has_maps),
                 guests::warn_of_guests
                     .run_if(guests::may_be_there)
                     .in_set(RenderSystems::Cleanup)

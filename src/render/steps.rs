@@ -1,8 +1,11 @@
 //! What the plugin runs in `Render`, in two steps.
 
-use bevy::ecs::{
-    schedule::{ApplyDeferred, IntoScheduleConfigs, Schedule, ScheduleLabel, SystemSet},
-    system::Res,
+use bevy::{
+    ecs::{
+        schedule::{ApplyDeferred, IntoScheduleConfigs, Schedule, ScheduleLabel, SystemSet},
+        system::Res,
+    },
+    light::DirectionalLightShadowMap,
 };
 
 use super::{
@@ -13,7 +16,9 @@ use super::{
     hold,
     moving::{self, MovingViews},
     one_thread::schedule,
-    pass, uniform,
+    pass,
+    target::ShadowTarget,
+    uniform,
 };
 
 /// Once Bevy has made views, and before it looks for their pipelines: which maps are the plugin's, and where they lie.
@@ -59,6 +64,20 @@ pub(super) fn schedules() -> [Schedule; 2] {
         schedule.configure_sets(SecondViewSystems.run_if(has_second_views));
         schedule
     })
+}
+
+/// Whether any map is to be the plugin's, or anything is left of those that were.
+pub(super) fn has_maps(
+    extracted: Res<ExtractedShadows>,
+    target: Res<ShadowTarget>,
+    built_in: Res<DirectionalLightShadowMap>,
+    (added, moving): (Res<AddedViews>, Res<MovingViews>),
+) -> bool {
+    let is_all_undone = !target.exists()
+        && built_in.size == extracted.built_in_size
+        && added.are_none()
+        && moving.are_none();
+    !extracted.lights.is_empty() || !is_all_undone
 }
 
 /// Whether there are second views, or are to be.
