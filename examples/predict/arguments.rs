@@ -139,7 +139,7 @@ pub struct Arguments {
 pub enum FitName {
     /// Tightly, in a frame that turns with the camera: the paper's maps.
     Body,
-    /// The plugin's default: of constant size, moved in whole texels, with a guard for filters;
+    /// The plugin's `Stable`: of constant size, moved in whole texels, with a guard for filters;
     /// without blend bands.
     Stable,
 }

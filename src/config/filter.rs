@@ -52,10 +52,10 @@ pub enum ShadowFilter {
 #[reflect(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum FilterRadius {
-    /// In texels of each map (1 to [`MAX_FILTER_TEXELS`]): as sharp as the map allows.
+    /// In texels of each map (1 to 8): as sharp as the map allows.
     Texels(#[reflect(@1.0..=MAX_FILTER_TEXELS)] f32),
     /// In meters (above 0): edges are equally soft in all cascades, as far as 1 to
-    /// [`MAX_FILTER_TEXELS`] of their texels allow.
+    /// 8 of their texels allow.
     Meters(f32),
 }
 

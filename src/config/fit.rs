@@ -32,7 +32,7 @@ pub enum CascadeFit {
     /// A map of its own for every face of the view that light enters or leaves it by, warped from
     /// edge to edge (Lloyd et al. 2006, 5.1): for light along the view, where no other warp gains
     /// anything. One to four faces share four maps, but for those that the light sees nearly edge-on,
-    /// and slices get what is left, as few as they have been within the last ten seconds: with so few
+    /// and slices get what is left, as few as they have been within the last 600 frames: with so few
     /// maps, slices alone are sharper at most angles. Needs four cascades; for cameras in perspective.
     Faces,
     /// Chosen for each cascade from what a fit is predicted to gain, and no more cascades than gain

@@ -12,7 +12,7 @@ pub const MIN_MAP_SIZE: u32 = 64;
 const OFFERED_MAP_SIZE: u32 = 16384;
 const OFFERED_BUDGETS: core::ops::RangeInclusive<u32> = (1 << 16)..=(1 << 28);
 
-/// Texels per side of each cascade's map: any whole number from [`MIN_MAP_SIZE`] to what the
+/// Texels per side of each cascade's map: any whole number from 64 to what the
 /// GPU allows, powers of two or not.
 ///
 /// All maps live in one array texture whose layers are as wide and as high as the widest and the
@@ -27,14 +27,16 @@ pub enum MapSize {
     Same(#[reflect(@MIN_MAP_SIZE..=OFFERED_MAP_SIZE)] u32),
     /// The first cascade's size, halved for each one after (Zhang et al. 2006): a third more
     /// texels are drawn than in the first map alone, but each border shows a jump in sharpness, and
-    /// it takes as much memory as `Same` of the first size.
+    /// it takes as much memory as `Same` of the first size. No map is smaller than 64², so the first of four is no
+    /// smaller than 512².
     Halving(#[reflect(@MIN_MAP_SIZE..=OFFERED_MAP_SIZE)] u32),
     /// One width and height per cascade.
     PerCascade(Vec<[u32; 2]>),
     /// So many texels for all maps together, shared so that all are predicted to be equally sharp,
     /// along both axes (Lloyd et al. 2006, Eqs. 13–14). Sizes change, if seldom, and with them the
     /// texels of stable maps. Layers are as large as the largest map, whose sides are at most √2 times
-    /// those of an even share: at most twice the budget is allocated.
+    /// those of an even share: at most twice the budget is allocated. For each cascade, from 128² to the square of half
+    /// of the GPU's largest side.
     Budget(#[reflect(@OFFERED_BUDGETS)] u32),
 }
 

@@ -74,13 +74,13 @@ pub struct ParallelSplitShadows {
     /// near the camera. Default 4.
     #[reflect(@1..=4_u32)]
     pub cascades: u32,
-    /// Where the split scheme starts (meters from the eye, at least a micrometer). Surfaces nearer than
+    /// Where the split scheme starts (meters along the view, at least a micrometer). Surfaces nearer than
     /// this are still shadowed: the first cascade reaches to the eye at no cost. Too small
     /// wastes the first cascades on the ground at the camera's feet. Default 1 m; see
     /// [`far`](Self::far).
     #[reflect(@0.0..=MAX_DISTANCE)]
     pub near: f32,
-    /// Where shadows end (meters from the eye, above [`near`](Self::near)). Farther costs
+    /// Where shadows end (meters along the view, above [`near`](Self::near)). Farther costs
     /// sharpness in every cascade and draws more casters; nearer makes shadows fade out in
     /// plain sight. Default 500 m, and if both are at their defaults, the range that the light's own
     /// `CascadeShadowConfig` had when the component was added, where the game had set one. Unless a map
@@ -130,7 +130,7 @@ pub struct ParallelSplitShadows {
     /// For how many frames a map that is due may wait while another is drawn (0 to 60): who has waited longest
     /// goes first, or else the nearest. What comes into view meanwhile is shadowed by a coarser map or not at
     /// all; but of a camera's maps one is drawn in a frame, unless they are new, a sun has jumped, a caster has
-    /// begun to move or has gone, or they have waited so long. Default 0: none waits.
+    /// begun to move, come to rest or gone, or they have waited so long; with `Faces` none waits. Default 0: none waits.
     #[reflect(@0..=MAX_DELAY)]
     pub delay: u32,
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where

@@ -29,7 +29,7 @@ pub enum SplitScheme {
         /// Growth from one plane's distance to the next, above 1. Below 2 the second slice is
         /// *shorter* than the first.
         gamma: f32,
-        /// Pushes every inner plane out (meters, at least 0). At `(f − n)(1 − 1/gamma)` or
+        /// Pushes every inner plane out (meters, 0 to far). At `(f − n)(1 − 1/gamma)` or
         /// more the last planes fall together and their cascades stay empty.
         bias: f32,
     },
@@ -38,10 +38,10 @@ pub enum SplitScheme {
     GeometricScaled {
         /// Growth from one plane's distance to the next, above 1.
         gamma: f32,
-        /// Length added to the first slice (meters, at least 0).
+        /// Length added to the first slice (meters, 0 to far).
         bias: f32,
     },
-    /// Inner planes by hand (meters from the eye): one fewer than cascades, strictly growing,
+    /// Inner planes by hand (meters of depth): one fewer than cascades, strictly growing,
     /// between near and far.
     Manual(Vec<f32>),
 }

@@ -30,7 +30,7 @@ pub enum ShadowOverlay {
     /// Texels of the map across a pixel, where they are fewest: below 0.5 (linear), which is
     /// one, texels show.
     TexelsPerPixel,
-    /// The texels of the map, as a checkerboard of squares of [`GRID_TEXELS`] a side in the cascade's
+    /// The texels of the map, as a checkerboard of squares of 32 a side in the cascade's
     /// color; darker in shadow (as Lloyd et al. 2006, Figs. 2 and 15).
     TexelGrid,
     /// For how many frames the map has been held since what rests was drawn into it: 0.1 (linear) are 60.

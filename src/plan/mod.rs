@@ -45,11 +45,11 @@ use turning::Turning;
 /// One cascade of one light for one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CascadePlan {
-    /// Depth at which the cascade takes over, blend band included (meters from the eye).
+    /// Depth at which the cascade takes over, blend band included (meters from the eye, along the view).
     pub near: f64,
-    /// Depth at which it ends (meters from the eye).
+    /// Depth at which it ends (meters from the eye, along the view).
     pub far: f64,
-    /// Depth at which blending into the next cascade, or for the last one into light, begins.
+    /// Depth at which blending into the next cascade, or for the last one into light, begins (as the others).
     pub blend_start: f64,
     /// The part of the view's cross-section that it is for, if faces of the view have maps of their
     /// own; all cascades of a slice have the same depths.

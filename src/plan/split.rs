@@ -2,7 +2,7 @@
 
 use crate::{config::SplitScheme, geometry::split};
 
-/// The depths of all split planes, `cascades + 1` of them, in meters from the eye.
+/// The depths of all split planes, `cascades + 1` of them, in meters from the eye along the view.
 ///
 /// The first is `near` and the last is `far`, exactly. Planes never decrease; a scheme whose
 /// planes run into `far` early (geometric growth with a large bias) yields coinciding planes,

@@ -21,7 +21,8 @@ use bevy::{
 
 use crate::geometry::oriented_box::OrientedBox;
 
-/// How far the vertex shader of a mesh's material may move vertices out of the mesh's bounds (meters).
+/// How far the vertex shader of a mesh's material may move vertices out of the mesh's bounds (meters
+/// in the world, whatever the mesh's scale).
 ///
 /// Without it, a mesh whose material has a vertex shader of its own is taken to reach out of its bounds
 /// by half of its longest side, which costs sharpness where that is much too far. Of casters that have

@@ -1,6 +1,9 @@
 //! Presets in RON: what is good loads, and every mistake gets its own message.
 
-use bevy::asset::AssetPath;
+use bevy::{
+    asset::AssetPath,
+    reflect::{PartialReflect, ReflectRef},
+};
 use bevy_pssm::{config::ShadowPresetLoader, prelude::*};
 
 const MAX_MAP_SIZE: u32 = 8192;
@@ -137,10 +140,18 @@ fn shipped_presets_are_good() {
 fn the_balanced_preset_spells_the_defaults_out() {
     let text = include_str!("../../assets/shadows/balanced.shadows.ron");
     assert_eq!(parse(text), Ok(ParallelSplitShadows::default()));
-    for field in [
-        "cascades", "near", "far", "splits", "blend", "fade", "fit", "map_size",
+    let config = ParallelSplitShadows::default();
+    for part in [
+        config.as_partial_reflect(),
+        config.comparison.as_partial_reflect(),
     ] {
-        assert!(text.contains(&format!("{field}:")), "{field}");
+        let ReflectRef::Struct(part) = part.reflect_ref() else {
+            unreachable!()
+        };
+        for index in 0..part.field_len() {
+            let field = part.name_at(index).unwrap();
+            assert!(text.contains(&format!(" {field}:")), "{field}");
+        }
     }
 }
 
