@@ -26,7 +26,7 @@ use super::{
     publish::{HiddenCascades, published_config},
 };
 use crate::{
-    config::{CascadeFit, ParallelSplitShadows, ShadowPreset, TexelGrid},
+    config::{CascadeFit, ConfigError, ParallelSplitShadows, ShadowPreset, TexelGrid},
     plan::over_own_range,
     support::ShadowSupport,
 };
@@ -48,6 +48,9 @@ pub struct ManagedLight {
     /// When the configuration that was checked last was written.
     #[reflect(ignore)]
     checked: Option<Tick>,
+    /// What was wrong with it.
+    #[reflect(ignore)]
+    error: Option<ConfigError>,
     built_in: Option<BuiltInShadows>,
 }
 
@@ -77,13 +80,20 @@ impl ManagedLight {
         // Not `is_changed`, which has passed if the light was not there yet or was disabled.
         if self.checked != Some(config.last_changed()) {
             self.checked = Some(config.last_changed());
-            match config.validate(support.max_map_size().load(Ordering::Relaxed)) {
-                Ok(()) => self.last_good = Some((**config).clone()),
-                Err(error) if self.last_good.is_none() => {
+            let error = config.validate(support.max_map_size().load(Ordering::Relaxed));
+            let error = error.err();
+            match &error {
+                None => self.last_good = Some((**config).clone()),
+                // It may be written in every frame.
+                Some(_) if error == self.error => {}
+                Some(error) if self.last_good.is_none() => {
                     warn!("Light {light} keeps Bevy's own shadows: {error}");
                 }
-                Err(error) => warn!("Keeping the last good shadows of light {light}: {error}"),
+                Some(error) => {
+                    warn!("Keeping the last good shadows of light {light}: {error}");
+                }
             }
+            self.error = error;
         }
         let last_good = self.last_good.as_ref()?;
         let built_in = self.built_in.as_ref();
@@ -118,6 +128,7 @@ impl ManagedLight {
         self.last_good = None;
         self.in_force = None;
         self.checked = None;
+        self.error = None;
         self.restore(commands, light, cascade_config);
     }
 
@@ -177,7 +188,8 @@ pub(super) fn apply_presets(
             .is_none_or(|known| (known.0, &known.1) != (id, config));
         if is_new {
             applied.0 = Some((id, config.clone()));
-            commands.entity(light).insert(config.clone());
+            // It may be gone until this is carried out.
+            commands.entity(light).try_insert(config.clone());
         }
     }
 }
@@ -188,7 +200,7 @@ pub(super) fn forget_preset(removed: On<Remove<ShadowPreset>>, mut commands: Com
     }
 }
 
-/// What was noted of a light is not true of the next one on the same entity.
+/// What was noted of a light, and planned, is not true of the next one on the same entity.
 pub(super) fn forget_light(
     removed: On<Remove<DirectionalLight>>,
     mut commands: Commands,
@@ -196,6 +208,7 @@ pub(super) fn forget_light(
 ) {
     if let Ok(mut light) = commands.get_entity(removed.entity) {
         light.try_remove::<SwitchedOff>();
+        light.queue_silenced(forget_plans);
     }
     let Ok((mut managed, cascade_config)) = managed.get_mut(removed.entity) else {
         return;
@@ -203,6 +216,25 @@ pub(super) fn forget_light(
     let managed = core::mem::take(&mut *managed);
     if let (Some(built_in), Some(mut cascade_config)) = (managed.built_in, cascade_config) {
         *cascade_config = built_in.cascade_config;
+    }
+}
+
+/// Of what is no light any more nothing is left.
+pub(super) fn forget_settings(removed: On<Remove<ParallelSplitShadows>>, mut commands: Commands) {
+    if let Ok(mut light) = commands.get_entity(removed.entity) {
+        light.queue_silenced(forget_plans);
+    }
+}
+
+/// Of what is still a light, `manage_lights` lets go.
+fn forget_plans(mut entity: EntityWorldMut) {
+    if entity.contains::<DirectionalLight>() {
+        return;
+    }
+    if entity.contains::<ParallelSplitShadows>() {
+        entity.insert(<(ShadowPlans, CasterCascades, HiddenCascades)>::default());
+    } else {
+        entity.remove::<(ManagedLight, ShadowPlans, CasterCascades, HiddenCascades)>();
     }
 }
 

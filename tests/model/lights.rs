@@ -16,7 +16,9 @@ use bevy::{
     prelude::*,
     shape::ViewFrustum,
 };
-use bevy_pssm::{CasterCascades, PssmSystems, ShadowPlans, plan::lookup_reach, prelude::*};
+use bevy_pssm::{
+    CasterCascades, ManagedLight, PssmSystems, ShadowPlans, plan::lookup_reach, prelude::*,
+};
 
 use crate::{server::server_app, warnings};
 
@@ -396,6 +398,53 @@ fn a_bad_change_keeps_the_last_good_configuration() {
         .cascades = 3;
     app.update();
     assert_eq!(count(&app), 3);
+}
+
+/// A mistake that a game writes in every frame is told once, and another one again.
+#[test]
+fn a_mistake_is_told_once_however_often_it_is_written() {
+    warnings::capture();
+    let mut app = app();
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    let mut write = |far: f32| {
+        let mut config = app
+            .world_mut()
+            .get_mut::<ParallelSplitShadows>(light)
+            .unwrap();
+        config.far = far;
+        app.update();
+    };
+    for far in [-7.5, -7.5, -7.5, 100.0, -7.5, -8.5] {
+        write(far);
+    }
+    let lines = warnings::peek();
+    let told = |value: &str| {
+        let of_value = |line: &&String| line.contains(&format!("`far` is {value}"));
+        lines.iter().filter(of_value).count()
+    };
+    assert_eq!([told("-7.5"), told("-8.5")], [2, 1], "{lines:#?}");
+}
+
+/// What was planned for a light goes with it.
+#[test]
+fn nothing_is_left_of_what_is_no_light_any_more() {
+    for is_component_left in [false, true] {
+        let mut app = app();
+        camera(&mut app);
+        let light = sun(&mut app, ParallelSplitShadows::default());
+        app.update();
+        let mut entity = app.world_mut().entity_mut(light);
+        entity.remove::<DirectionalLight>();
+        if !is_component_left {
+            entity.remove::<ParallelSplitShadows>();
+        }
+        app.update();
+        let light = app.world().entity(light);
+        let plans = light.get::<ShadowPlans>();
+        assert_eq!(plans.is_some(), is_component_left);
+        assert!(plans.is_none_or(|plans| plans.views.is_empty()));
+        assert_eq!(light.contains::<ManagedLight>(), is_component_left);
+    }
 }
 
 /// What one system removes and another puts back before commands are carried out stays managed.
