@@ -33,11 +33,12 @@ use super::{
         AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
         layout_layers,
     },
+    second_view::{Pipelines, SecondView},
     target::ShadowTarget,
 };
 use crate::support::{Obstacle, ShadowSupport};
 
-/// Readies what Bevy makes views of: no occlusion culling, which has no late phase for cascades and would drop casters
+/// Readies what Bevy makes views of, and keeps what it is about to drop: no occlusion culling, which has no late phase for cascades and would drop casters
 /// for a frame, and no large array for maps that live in the target, and are not drawn into it. Unless slots may run
 /// out, which only [`adopt_views`] finds out, too late to make it large again.
 pub(super) fn ready_lights(
@@ -45,9 +46,11 @@ pub(super) fn ready_lights(
     target: Res<ShadowTarget>,
     support: Res<ShadowSupport>,
     mut lights: Query<(&MainEntity, &mut ExtractedDirectionalLight)>,
+    (second_views, mut pipelines): (Query<(&SecondView, &ExtractedView)>, Pipelines),
     mut built_in: ResMut<DirectionalLightShadowMap>,
     mut told: Local<MainEntityHashSet>,
 ) {
+    pipelines.keep(&second_views);
     let slots = lights.iter().count() + extracted.lights.len();
     let is_unused = !extracted.lights.is_empty() && target.exists() && support.may_take_over();
     built_in.size = if is_unused && slots <= MAX_DIRECTIONAL_LIGHTS {
@@ -99,7 +102,7 @@ pub(super) struct Adoptable<'w, 's> {
         (&'static MainEntity, Option<&'static RenderLayers>),
         With<ExtractedDirectionalLight>,
     >,
-    adopted_cameras: Query<'w, 's, Entity, With<AdoptedLights>>,
+    adopted_cameras: Query<'w, 's, (Entity, &'static AdoptedLights)>,
 }
 
 pub(super) fn adopt_views(
@@ -112,6 +115,9 @@ pub(super) fn adopt_views(
     mut warned: Local<bool>,
 ) {
     let is_wanted = !extracted.lights.is_empty() && support.may_take_over();
+    if !is_wanted {
+        support.set_out_of_room(false);
+    }
     let layout = is_wanted
         .then(|| adoptable.request(&extracted, &device))
         .and_then(|request| match request {
@@ -203,6 +209,7 @@ impl Adoptable<'_, '_> {
             host: host_entity,
             light_count: lights.count().min(MAX_DIRECTIONAL_LIGHTS),
             built_in_layers: camera.lights.lights.len() as u32,
+            first_layer: self.first_layer(entity),
             cascades: Vec::new(),
         };
         for view in camera.lights.lights.iter() {
@@ -235,6 +242,12 @@ impl Adoptable<'_, '_> {
             });
         }
         Ok(request)
+    }
+
+    /// The first layer of a camera's own maps.
+    fn first_layer(&self, camera: Entity) -> Option<u32> {
+        let (_, adopted) = self.adopted_cameras.get(camera).ok()?;
+        adopted.lights.iter().map(|light| light.base_layer).min()
     }
 
     fn adopt(
@@ -272,7 +285,7 @@ impl Adoptable<'_, '_> {
             }
         }
         // A camera that is no longer drawn must not write into the others' uniform.
-        for camera in &self.adopted_cameras {
+        for (camera, _) in &self.adopted_cameras {
             if layout.cameras.iter().all(|(drawn, _)| *drawn != camera) {
                 commands.entity(camera).remove::<AdoptedLights>();
             }
@@ -287,7 +300,7 @@ impl Adoptable<'_, '_> {
         for view in self.views.iter().filter(|view| view.adopted.is_some()) {
             commands.entity(view.entity).remove::<AdoptedMap>();
         }
-        for camera in &self.adopted_cameras {
+        for (camera, _) in &self.adopted_cameras {
             commands.entity(camera).remove::<AdoptedLights>();
         }
     }

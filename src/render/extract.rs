@@ -17,7 +17,8 @@ use bevy::{
     math::{DVec2, UVec2, Vec3},
     render::{
         Extract, MainWorld,
-        sync_world::{MainEntity, MainEntityHashMap, RenderEntity},
+        camera::DirtySpecializations,
+        sync_world::{MainEntity, MainEntityHashMap, MainEntityHashSet, RenderEntity},
     },
     shape::ViewFrustum,
 };
@@ -28,8 +29,8 @@ use crate::{
     debug::ShadowOverlay,
     plan::{CascadeMap, CascadePlan, Redraw},
     systems::{
-        CascadeSet, CasterCascades, ManagedLight, ShadowPlans, ShadowUpdates, SharedViews,
-        empty_cascade,
+        CascadeSet, CasterCascades, ChangedCasters, ManagedLight, ShadowPlans, ShadowUpdates,
+        SharedViews, empty_cascade,
     },
 };
 
@@ -42,6 +43,8 @@ pub(crate) struct ExtractedShadows {
     pub overlay: ShadowOverlay,
     /// By the camera that looks up another one's maps: that one.
     pub hosts: MainEntityHashMap<MainEntity>,
+    /// Of casters that have been edited, those whose edits need not show.
+    pub unheeded: MainEntityHashSet,
     /// Counts frames.
     pub frame: u64,
 }
@@ -148,6 +151,9 @@ pub(super) fn extract_shadows(
     built_in: Extract<Res<DirectionalLightShadowMap>>,
     shared: Extract<Res<SharedViews>>,
     mapper: Extract<Query<RenderEntity>>,
+    updates: Extract<Query<&ShadowUpdates>>,
+    changed: Extract<Res<ChangedCasters>>,
+    dirty: Res<DirtySpecializations>,
 ) {
     let pair = |caster: Entity| {
         let synced = mapper.get(caster).unwrap_or(Entity::PLACEHOLDER);
@@ -159,6 +165,15 @@ pub(super) fn extract_shadows(
     let hosts = hosts.map(|(guest, host)| (MainEntity::from(guest), MainEntity::from(host)));
     extracted.hosts = hosts.collect();
     extracted.frame += 1;
+    extracted.unheeded.clear();
+    let edited = dirty.changed_renderables.iter();
+    let need_not_show = |it: &&MainEntity| {
+        changed.moving().is_edited_often(it.id())
+            && updates.get(it.id()) == Ok(&ShadowUpdates::Never)
+    };
+    extracted
+        .unheeded
+        .extend(edited.filter(need_not_show).copied());
     extracted.lights.clear();
     for it in &lights {
         let config = it.managed.config();

@@ -26,6 +26,7 @@ use bevy::{
 };
 
 use super::{ExtractedShadows, added::AddedViews, layout::AdoptedMap, target::ShadowTarget};
+use crate::systems::EditedCasters;
 
 /// What the layers hold, by view.
 #[derive(Resource, Debug, Default)]
@@ -119,10 +120,22 @@ pub(super) struct HoldableView {
 pub(super) struct Unsettled<'w, 's> {
     lists: Query<'w, 's, &'static RenderShadowMapVisibleEntities>,
     dirty: Res<'w, DirtySpecializations>,
+    extracted: Res<'w, ExtractedShadows>,
+    edited: Res<'w, EditedCasters>,
     pending: Res<'w, PendingShadowQueues>,
 }
 
+/// More edits than this in a frame are no one's habit.
+const MOST_EDITS: usize = 4096;
+
 impl Unsettled<'_, '_> {
+    fn tell_of_edits(&self) {
+        let edited = &self.dirty.changed_renderables;
+        if !edited.is_empty() && edited.len() <= MOST_EDITS {
+            self.edited.note(edited.iter().map(MainEntity::id));
+        }
+    }
+
     /// Whether any of a view's casters is another one than it was, by mesh, material or being there: but for those
     /// that are added.
     fn is_in(&self, light: Entity, view: RetainedViewEntity, added: &[MainEntity]) -> bool {
@@ -151,7 +164,10 @@ impl Unsettled<'_, '_> {
             ..
         } = &*self.dirty;
         let is_added = |entity: &MainEntity| added.binary_search(entity).is_ok();
-        let mut changed = changed_renderables.iter().filter(|it| !is_added(it));
+        let is_unheeded = |it: &MainEntity| self.extracted.unheeded.contains(it);
+        let mut changed = changed_renderables
+            .iter()
+            .filter(|it| !is_added(it) && !is_unheeded(it));
         is_waiting
             || !class.added_entities.iter().all(|(_, main)| is_added(main))
             || !class.removed_entities.is_empty()
@@ -167,10 +183,11 @@ pub(super) fn hold_maps(
     unsettled: Unsettled,
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
     target: Res<ShadowTarget>,
-    extracted: Res<ExtractedShadows>,
     added: Res<AddedViews>,
     mut drawn: ResMut<DrawnMaps>,
 ) {
+    unsettled.tell_of_edits();
+    let extracted = &unsettled.extracted;
     // What was planned in a frame that was not drawn is not known here.
     if core::mem::replace(&mut drawn.frame, extracted.frame) + 1 != extracted.frame {
         drawn.maps.clear();
@@ -244,7 +261,7 @@ pub(super) fn note_whole_maps(
     phases: Res<ViewBinnedRenderPhases<Shadow>>,
     pipelines: Res<PipelineCache>,
     meshes: Res<RenderMeshInstances>,
-    late: Res<MeshesToReextractNextFrame>,
+    late: Option<Res<MeshesToReextractNextFrame>>,
     mut last: Local<(Missing, u32)>,
 ) {
     let maps = drawn.maps.values_mut();
@@ -259,7 +276,13 @@ pub(super) fn note_whole_maps(
             && is_on_its_way(&pipeline.state)
     });
     let missing = Missing {
-        meshes: late.iter().filter(is_drawn).copied().collect(),
+        // There are none where the CPU preprocesses.
+        meshes: late
+            .iter()
+            .flat_map(|late| late.iter())
+            .filter(is_drawn)
+            .copied()
+            .collect(),
         computes: computes.map(|(index, _)| index).collect(),
     };
     let is_nothing = missing == Missing::default();

@@ -17,7 +17,7 @@ use super::{extract::ExtractedCascade, options::LookupOptions};
 pub struct AdoptedMap {
     /// Layer of the target.
     pub layer: u32,
-    /// Texels per side, in the layer's first corner.
+    /// Texels per side, from the layer's texel (0, 0) on.
     pub size: UVec2,
     /// Whether the map may be left undrawn when it has no casters: the shader then takes it as
     /// lit. Bevy's own maps are always drawn.
@@ -74,6 +74,8 @@ pub(super) struct CameraRequest {
     pub light_count: usize,
     /// Layers that Bevy counts for it.
     pub built_in_layers: u32,
+    /// The first layer that it has had.
+    pub first_layer: Option<u32>,
     /// Cascades, light by light.
     pub cascades: Vec<CascadeRequest>,
 }
@@ -129,7 +131,10 @@ pub(super) fn layout_layers(request: &LayerRequest) -> Option<LayerLayout> {
     let mut next_layer = 0;
     let mut cameras: Vec<(Entity, AdoptedLights)> = Vec::with_capacity(request.cameras.len());
     let mut hosts: HashMap<(Entity, Entity), AdoptedLight> = HashMap::default();
-    let (own, shared): (Vec<_>, Vec<_>) = request.cameras.iter().partition(|it| it.host.is_none());
+    let (mut own, shared): (Vec<_>, Vec<_>) =
+        request.cameras.iter().partition(|it| it.host.is_none());
+    // Maps that stay where they are need not be drawn anew when another camera comes or goes.
+    own.sort_by_key(|it| it.first_layer.unwrap_or(u32::MAX));
     for camera in own.iter().chain(&shared) {
         let mut lights: Vec<AdoptedLight> = Vec::new();
         for by_light in camera.cascades.chunk_by(|a, b| a.light == b.light) {
@@ -225,6 +230,7 @@ mod tests {
             host: None,
             light_count: lights.len(),
             built_in_layers: lights.iter().map(|light| light.0).sum(),
+            first_layer: None,
             cascades: lights.iter().enumerate().flat_map(of_light).collect(),
         }
     }
@@ -296,6 +302,23 @@ mod tests {
                 .iter()
                 .all(|(view, _)| !(1000..1004).map(entity).any(|it| it == *view))
         );
+    }
+
+    #[test]
+    fn cameras_keep_their_layers_when_others_come_and_go() {
+        let base = |layout: &LayerLayout, index: u32| {
+            let mut cameras = layout.cameras.iter();
+            let found = cameras.find(|(camera, _)| *camera == entity(500 + index));
+            found.expect("it is there").1.lights[0].base_layer
+        };
+        let lights = [(4, Some(512))];
+        let mut main = camera(2, &lights);
+        let alone = layout_layers(&request(vec![camera(2, &lights)], 0)).expect("there is room");
+        main.first_layer = Some(base(&alone, 2));
+        // One that is drawn before it comes.
+        let both = layout_layers(&request(vec![camera(1, &lights), main], 0));
+        let both = both.expect("there is room");
+        assert_eq!([base(&both, 2), base(&both, 1)], [0, 4]);
     }
 
     #[test]

@@ -45,6 +45,7 @@ use bevy::{
     },
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems,
+        camera::DirtySpecializationSystems,
         render_resource::ShaderType,
         renderer::{RenderAdapterInfo, RenderDevice},
         settings::{Backends, WgpuFeatures},
@@ -55,7 +56,7 @@ use crate::{
     config::MAX_CASCADES,
     shaders,
     support::{Obstacle, Requirements, ShadowSupport},
-    systems::{DisplacedMeshes, PssmSystems},
+    systems::{DisplacedMeshes, EditedCasters, PssmSystems},
 };
 
 /// The plugin's system sets in the render world.
@@ -85,25 +86,29 @@ pub(crate) fn build(app: &mut App) {
     );
     let support = app.world().resource::<ShadowSupport>().clone();
     let displaced = app.world().resource::<DisplacedMeshes>().clone();
+    let edited = app.world().resource::<EditedCasters>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
     render_app
         .insert_resource(support)
         .insert_resource(displaced)
+        .insert_resource(edited)
         .init_resource::<ExtractedShadows>()
         .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()
         .init_gpu_resource::<hold::DrawnMaps>()
         .init_resource::<added::AddedViews>()
+        .init_resource::<displaced::DisplacingTypes>()
         .init_resource::<moving::MovingViews>()
+        .init_resource::<second_view::KeptPipelines>()
         .add_systems(
             ExtractSchedule,
             (
                 extract::fill_missing_views
                     .run_if(extract::are_views_missing)
                     .before(extract_lights),
-                extract::extract_shadows,
+                extract::extract_shadows.after(DirtySpecializationSystems::CheckForChanges),
                 pipelines::extract_shaders.run_if(pipelines::have_shaders_changed),
             ),
         )

@@ -8,10 +8,15 @@ use bevy::{
         component::Component,
         entity::Entity,
         query::{Has, QueryData},
+        resource::Resource,
         system::{Commands, Query, Res, ResMut, SystemChangeTick, SystemParam},
     },
     mesh::Mesh3d,
-    pbr::{LightEntity, Shadow},
+    pbr::{
+        LightEntity, LightKeyCache, MeshPipelineKey, Shadow,
+        SpecializedShadowMaterialPipelineCache, SpecializedShadowMaterialViewPipelineCache,
+    },
+    platform::collections::HashMap,
     render::{
         batching::gpu_preprocessing::{GpuPreprocessingMode, GpuPreprocessingSupport},
         render_phase::ViewBinnedRenderPhases,
@@ -54,6 +59,42 @@ impl Over {
     }
 }
 
+/// Which pipelines draw what second views show, while Bevy drops them with what is of no view of its own.
+#[derive(Resource, Default)]
+pub(super) struct KeptPipelines(HashMap<RetainedViewEntity, ViewPipelines>);
+
+type ViewPipelines = (MeshPipelineKey, SpecializedShadowMaterialViewPipelineCache);
+
+/// The pipelines of views, as Bevy knows them.
+#[derive(SystemParam)]
+pub(super) struct Pipelines<'w> {
+    keys: ResMut<'w, LightKeyCache>,
+    of_casters: ResMut<'w, SpecializedShadowMaterialPipelineCache>,
+    kept: ResMut<'w, KeptPipelines>,
+}
+
+impl Pipelines<'_> {
+    /// Keeps those of views of what moves, which show nearly the same in each frame.
+    pub fn keep(&mut self, views: &Query<(&SecondView, &ExtractedView)>) {
+        self.kept.0.clear();
+        let moving = views.iter().filter(|(view, _)| view.over == Over::Moving);
+        for view in moving.map(|(_, extracted)| extracted.retained_view_entity) {
+            if let (Some(key), Some(of_casters)) =
+                (self.keys.remove(&view), self.of_casters.remove(&view))
+            {
+                self.kept.0.insert(view, (key, of_casters));
+            }
+        }
+    }
+
+    fn give_back(&mut self, view: RetainedViewEntity) {
+        if let Some((key, of_casters)) = self.kept.0.remove(&view) {
+            self.keys.insert(view, key);
+            self.of_casters.insert(view, of_casters);
+        }
+    }
+}
+
 #[derive(QueryData)]
 pub(super) struct MapView {
     pub entity: Entity,
@@ -80,6 +121,7 @@ pub(super) struct SecondViews<'w, 's> {
     support: Res<'w, GpuPreprocessingSupport>,
     tick: SystemChangeTick,
     phases: ResMut<'w, ViewBinnedRenderPhases<Shadow>>,
+    pipelines: Pipelines<'w>,
 }
 
 impl SecondViews<'_, '_> {
@@ -149,6 +191,7 @@ impl SecondViews<'_, '_> {
             view.remove::<NoIndirectDrawing>();
             GpuPreprocessingMode::Culling
         };
+        self.pipelines.give_back(retained);
         // Where a frame was cut short, the last one's are still there.
         self.phases.remove(&retained);
         self.phases

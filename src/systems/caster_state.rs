@@ -43,13 +43,14 @@ use crate::geometry::oriented_box::OrientedBox;
 #[reflect(Component, Default, Debug, Clone, PartialEq, Hash)]
 pub enum ShadowUpdates {
     /// When its transform, mesh, material, visibility, layers, level of detail or pose has changed; in
-    /// every frame if its material has a vertex shader of its own.
+    /// every frame if its material has a vertex shader of its own, or while its mesh or material changes again and again.
     #[default]
     Automatic,
     /// In every frame.
     Always,
-    /// When the map is drawn anew for another reason. For what changes and need not show it, as a vertex
-    /// shader that does not move anything does.
+    /// When the map is drawn anew for another reason. For what changes and need not show it, as a
+    /// vertex shader that does not move anything, or a material that glows: its first few edits show, for it may be
+    /// loading, and then none.
     Never,
 }
 
@@ -138,8 +139,7 @@ impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
     /// The meshes that may have changed: whatever of theirs has been written since the system last ran, or changes by
     /// something else.
     pub fn suspects(&self, suspects: &mut Vec<Entity>) {
-        let changes_unwritten =
-            self.has_range || self.updates.is_some() || self.skin.is_some() || self.morph.is_some();
+        let changes_unwritten = self.has_range || self.skin.is_some() || self.morph.is_some();
         if changes_unwritten {
             suspects.extend(self.entity);
             return;
@@ -153,6 +153,7 @@ impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
             Some(self.mesh.changed_ticks_slice()),
             ticks(&self.aabb),
             ticks(&self.margin),
+            ticks(&self.updates),
             ticks(&self.layers),
             ticks(&self.unculled),
             ticks(&self.gpu_culled),
@@ -161,6 +162,7 @@ impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
             ticks(&self.no_auto_aabb),
         ];
         let columns = || columns.iter().flatten();
+        let updates = self.updates.as_deref().unwrap_or_default();
         let [last_run, this_run] = [
             self.transform.last_run_tick(),
             self.transform.this_run_tick(),
@@ -171,6 +173,9 @@ impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
                 .map(|ticks| &ticks[rows.clone()])
                 .filter(|ticks| any_newer(ticks, last_run, this_run))
                 .fold(0, |rows, ticks| rows | newer(ticks, last_run, this_run));
+            // Whether written or not.
+            let updates = updates.get(rows).unwrap_or_default();
+            written |= rows_where(updates.iter(), |it| *it == ShadowUpdates::Always);
             while written != 0 {
                 suspects.push(self.entity[first + written.trailing_zeros() as usize]);
                 written &= written - 1;
@@ -188,16 +193,22 @@ fn any_newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> bool {
         .fold(false, |any, tick| any | (age(*tick) < oldest))
 }
 
-/// A bit for each of at most 64.
 fn newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> u64 {
-    let ticks = ticks.iter().enumerate();
-    let newer = ticks.filter(|(_, tick)| tick.is_newer_than(last_run, this_run));
-    newer.fold(0, |rows, (row, _)| rows | (1 << row))
+    rows_where(ticks.iter(), |tick| tick.is_newer_than(last_run, this_run))
+}
+
+/// A bit for each of at most 64.
+fn rows_where<T>(column: impl Iterator<Item = T>, is_one: impl Fn(T) -> bool) -> u64 {
+    let rows = column
+        .enumerate()
+        .filter_map(|(row, it)| is_one(it).then_some(row));
+    rows.fold(0, |rows, row| rows | (1 << row))
 }
 
 impl ChangingCasterItem<'_, '_> {
     fn state(&self, surroundings: &Surroundings, displaced: &EntityHashSet) -> CasterRecord {
-        if !self.inherited.get() {
+        // What is nowhere would differ from itself in every frame.
+        if !self.inherited.get() || !self.transform.affine().is_finite() {
             return CasterRecord::Nothing;
         }
         let margin = Margin::of(self.entity, self.margin.as_deref(), displaced);
@@ -326,14 +337,19 @@ impl Found {
         let state = it.state(surroundings, displaced);
         let updates = it.updates();
         let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
-        if has_new_updates {
+        // What has just come is in no map.
+        let is_new = it.updates.as_ref().is_some_and(DetectChanges::is_added)
+            && *it.record == CasterRecord::Nothing;
+        if has_new_updates && !is_new {
             match updates {
                 ShadowUpdates::Never => self.resting.push(it.entity),
                 // Maps may have it where it was long ago.
                 ShadowUpdates::Automatic | ShadowUpdates::Always => self.casters.push(None),
             }
         }
-        let is_restless = it.is_restless(surroundings, displaced);
+        let is_edited =
+            updates == ShadowUpdates::Automatic && known_moving.edited().contains(&it.entity);
+        let is_restless = is_edited || it.is_restless(surroundings, displaced);
         let is_same = *it.record == state;
         self.has_receiver |= !is_same;
         if is_restless || !is_same && updates != ShadowUpdates::Never {

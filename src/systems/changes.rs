@@ -1,7 +1,6 @@
 //! Which meshes have changed since the last frame: maps that hold none of them stay as they are.
 
 use bevy::{
-    asset::{AssetEvent, AssetId, Assets},
     camera::{
         primitives::Aabb,
         visibility::{
@@ -13,25 +12,22 @@ use bevy::{
         entity::{Entity, EntityHashSet},
         entity_disabling::Disabled,
         lifecycle::{Add, Remove, RemovedComponents},
-        message::MessageReader,
         observer::On,
         query::{With, Without},
         resource::Resource,
         system::{Commands, Local, Query, Res, ResMut, SystemParam},
     },
-    image::Image,
     light::{DirectionalLight, NotShadowCaster, NotShadowReceiver},
-    material::AlphaMode,
+    math::DVec3,
     mesh::{Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
-    pbr::StandardMaterial,
-    platform::collections::HashSet,
     utils::Parallel,
 };
 
 use super::{
-    ManagedLight,
+    ManagedLight, ShadowGridOrigin,
     bounds::BoundsMargin,
     caster_state::{CasterRecord, ChangingCaster, Found, ShadowUpdates, Surroundings},
+    edits::Edits,
     moving::MovingCasters,
     plan::shines,
 };
@@ -49,8 +45,6 @@ pub struct ChangedCasters {
     /// What has gone since then, and whether anything has.
     removed: Vec<CasterRecord>,
     has_receiver_gone: bool,
-    /// Whether an image that masks casters has changed since then.
-    has_new_mask: bool,
     /// Meshes that have been without a record until then.
     late: Vec<Entity>,
     /// Whether meshes may have changed since their records were made.
@@ -143,15 +137,18 @@ pub fn find_changes(
     mut meshes: Query<ChangingCaster>,
     surroundings: Surroundings,
     unknown: Query<Entity, (With<Mesh3d>, Without<CasterRecord>)>,
-    lights: Query<(&DirectionalLight, &InheritedVisibility), With<ManagedLight>>,
+    lights: Query<(&ManagedLight, &DirectionalLight, &InheritedVisibility)>,
     mut lost: LostComponents,
+    mut edits: Edits,
+    (origin, mut last_origin): (Res<ShadowGridOrigin>, Local<DVec3>),
     mut changed: ResMut<ChangedCasters>,
     mut suspects: Local<Vec<Entity>>,
     (mut found_by, mut restless_by): (Local<Parallel<Found>>, Local<Parallel<Vec<Entity>>>),
 ) {
     changed.frame += 1;
+    let (masked, edited) = edits.take();
     let mut lights = lights.iter();
-    if !lights.any(|(light, inherited)| shines(light, inherited)) {
+    if !lights.any(|(it, light, inherited)| it.config().is_some() && shines(light, inherited)) {
         lost.clear();
         changed.removed.clear();
         changed.are_records_old = true;
@@ -168,10 +165,20 @@ pub fn find_changes(
     found
         .casters
         .extend(removed.filter_map(|record| record.caster()));
-    let has_lost_updates = lost.updates.read().count() > 0;
-    if core::mem::take(&mut changed.has_new_mask) | has_lost_updates {
+    // What has gone with it is in no map any more.
+    if lost.updates.read().any(|mesh| meshes.contains(mesh)) {
         found.casters.push(None);
     }
+    for mesh in &masked {
+        let record = meshes.get(*mesh).ok().map(|it| it.record.caster());
+        if !changed.moving.contains(*mesh) {
+            found.casters.extend(record.flatten());
+        }
+    }
+    changed.moving.note_edits(masked.into_iter().chain(edited));
+    // All that the world's origin has been moved with is where it was.
+    let has_moved = core::mem::replace(&mut *last_origin, origin.0) != origin.0;
+    changed.are_records_old |= has_moved;
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
@@ -207,6 +214,7 @@ pub fn find_changes(
     }
     suspects.extend(lost.read());
     suspects.extend(displaced.iter());
+    suspects.extend(changed.moving.edited());
     if changed.are_records_old {
         changed.forget();
         changed.sample = Sample::default();
@@ -332,27 +340,6 @@ impl LostComponents<'_, '_> {
         self.read();
         self.updates.clear();
     }
-}
-
-/// Materials do not change with their images.
-pub(super) fn note_changed_masks(
-    mut images: MessageReader<AssetEvent<Image>>,
-    materials: Res<Assets<StandardMaterial>>,
-    mut changed: ResMut<ChangedCasters>,
-) {
-    let modified = images.read().filter_map(|event| match event {
-        AssetEvent::Modified { id } => Some(*id),
-        _ => None,
-    });
-    let modified: HashSet<AssetId<Image>> = modified.collect();
-    if modified.is_empty() {
-        return;
-    }
-    changed.has_new_mask |= materials.iter().any(|(_, material)| {
-        let image = material.base_color_texture.as_ref();
-        let is_modified = image.is_some_and(|image| modified.contains(&image.id()));
-        is_modified && material.alpha_mode != AlphaMode::Opaque
-    });
 }
 
 /// What goes leaves its shadow behind in maps that hold it.

@@ -8,6 +8,7 @@ mod changes;
 mod cull;
 mod cut;
 mod diagnostics;
+mod edits;
 mod gather;
 mod manage;
 mod memory;
@@ -24,6 +25,7 @@ pub use changes::{ChangedCasters, find_changes};
 pub use cull::cull_casters;
 pub use cut::CameraCut;
 pub use diagnostics::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD};
+pub use edits::EditedCasters;
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use memory::ShadowMemoryLimit;
@@ -70,6 +72,8 @@ pub enum PssmSystems {
 pub(crate) fn build(app: &mut App) {
     app.init_resource::<MeshBoxes>()
         .init_resource::<DisplacedMeshes>()
+        .init_resource::<EditedCasters>()
+        .init_resource::<edits::NewMasks>()
         .init_resource::<ChangedCasters>()
         .init_resource::<ShadowGridOrigin>()
         .init_resource::<ShadowMemoryLimit>()
@@ -120,7 +124,7 @@ pub(crate) fn build(app: &mut App) {
                 .after(AssetEventSystems)
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Mesh>>>),
-            changes::note_changed_masks
+            edits::note_changed_masks
                 .after(AssetEventSystems)
                 .before(PssmSystems::PlanCascades)
                 .run_if(resource_exists::<Messages<AssetEvent<Image>>>)
@@ -137,5 +141,6 @@ pub(crate) fn build(app: &mut App) {
     .add_observer(cut::forget_cut_view)
     .add_observer(manage::forget_preset)
     .add_observer(manage::forget_light)
+    .add_observer(manage::forget_settings)
     .add_observer(manage::restore_built_in);
 }

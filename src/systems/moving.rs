@@ -1,6 +1,6 @@
 //! Casters that move: maps hold what rests, and what moves is drawn over them in each frame.
 
-use bevy::ecs::entity::{Entity, EntityHashMap};
+use bevy::ecs::entity::{Entity, EntityHashMap, EntityHashSet};
 
 /// For so many frames a caster has to rest before maps hold it again.
 const QUIET: u32 = 60;
@@ -8,12 +8,22 @@ const QUIET: u32 = 60;
 /// They come to rest together, every so many frames: each time, maps are drawn anew.
 const BATCH: u32 = 20;
 
+/// Once its mesh or material has been edited so many times, with less than `QUIET` frames in between, a caster counts
+/// as moving: one that is loaded may change as it comes, and as its mesh and its material are there.
+const EDITS: u32 = 4;
+
 /// Casters that have moved of late.
 #[derive(Debug, Default)]
 pub struct MovingCasters {
     /// For how many frames each has rested.
     casters: EntityHashMap<u32>,
     frame: u32,
+    /// How often each has been edited, and when last.
+    edits: EntityHashMap<(u32, u32)>,
+    /// Frames in which edits have been noted.
+    edit_frame: u32,
+    /// Those that are edited again and again, and have been since the last frame.
+    edited: EntityHashSet,
 }
 
 impl MovingCasters {
@@ -36,6 +46,43 @@ impl MovingCasters {
     /// Whether it was one of them.
     pub fn remove(&mut self, caster: Entity) -> bool {
         self.casters.remove(&caster).is_some()
+    }
+
+    /// Those that count as moving for being edited.
+    pub fn edited(&self) -> &EntityHashSet {
+        &self.edited
+    }
+
+    /// Whether it has been edited again and again, up to now.
+    pub fn is_edited_often(&self, caster: Entity) -> bool {
+        let is_often = |(times, last): &(u32, u32)| {
+            *times >= EDITS && self.edit_frame.wrapping_sub(*last) < QUIET
+        };
+        self.edits.get(&caster).is_some_and(is_often)
+    }
+
+    /// Takes in whose mesh, material or mask has changed since the last frame.
+    pub fn note_edits(&mut self, edited: impl Iterator<Item = Entity>) {
+        self.edited.clear();
+        self.edit_frame = self.edit_frame.wrapping_add(1);
+        let frame = self.edit_frame;
+        if frame.is_multiple_of(QUIET) {
+            self.edits
+                .retain(|_, (_, last)| frame.wrapping_sub(*last) < QUIET);
+        }
+        for caster in edited {
+            let (times, last) = self.edits.entry(caster).or_default();
+            let age = frame.wrapping_sub(*last);
+            *times = match age {
+                0 => *times,
+                _ if age < QUIET => *times + 1,
+                _ => 1,
+            };
+            *last = frame;
+            if *times >= EDITS {
+                self.edited.insert(caster);
+            }
+        }
     }
 
     /// Takes those in that have moved in this frame, and gives those back that have come to rest.

@@ -586,3 +586,110 @@ fn what_the_gpu_culls_changes_all_maps() {
         assert_eq!(is_any_drawn(&mut app, view, light), is_drawn);
     }
 }
+
+/// Boxes, a camera and a sun, once all maps are held.
+fn at_rest() -> (App, Vec<Entity>, Entity, Entity) {
+    let mut app = app();
+    let boxes = boxes(&mut app);
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    for _ in 0..150 {
+        app.update();
+    }
+    assert!(!is_any_drawn(&mut app, view, light));
+    (app, boxes, view, light)
+}
+
+/// What comes and goes elsewhere concerns no map, whatever says how often its shadow is drawn.
+#[test]
+fn what_comes_and_goes_elsewhere_has_nothing_drawn() {
+    let (mut app, _, view, light) = at_rest();
+    for updates in [ShadowUpdates::Always, ShadowUpdates::Never] {
+        let mut come = |at: Vec3| {
+            let bounds = Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5));
+            let place = Transform::from_translation(at);
+            let mesh = (Mesh3d::default(), bounds, place, Visibility::default());
+            let mesh = app.world_mut().spawn((mesh, updates)).id();
+            let has_come = is_any_drawn(&mut app, view, light);
+            app.world_mut().despawn(mesh);
+            [has_come, is_any_drawn(&mut app, view, light)]
+        };
+        let far = Vec3::new(0.0, 0.5, 5000.0);
+        assert_eq!(come(far), [false; 2], "{updates:?}");
+        // What is in a map leaves it, or has it drawn as it comes.
+        let near = Vec3::new(0.0, 0.5, -12.0);
+        assert!(come(near).contains(&true), "{updates:?}");
+        app.update();
+    }
+}
+
+/// All casters go along with the world's origin: none of them moves.
+#[test]
+fn what_the_world_is_moved_with_does_not_move() {
+    let (mut app, boxes, view, light) = at_rest();
+    let by = Vec3::new(1024.0, 0.0, -512.0);
+    for entity in boxes.iter().chain([&view]) {
+        app.world_mut()
+            .get_mut::<Transform>(*entity)
+            .unwrap()
+            .translation -= by;
+    }
+    app.world_mut().resource_mut::<ShadowGridOrigin>().0 -= by.as_dvec3();
+    // All maps have other matrices.
+    assert!(is_any_drawn(&mut app, view, light));
+    for frame in 0..5 {
+        let moving = app.world().resource::<ChangedCasters>().moving().len();
+        assert_eq!(moving, 0, "{frame}");
+        assert_eq!(is_any_drawn(&mut app, view, light), false, "{frame}");
+    }
+    lift(&mut app, &boxes[800..801], 0.5);
+    app.update();
+    let moving = app.world().resource::<ChangedCasters>().moving().len();
+    assert_eq!(moving, 1);
+}
+
+/// A caster whose place is no number is in no map, and changes none however often it is written.
+#[test]
+fn what_is_nowhere_has_nothing_drawn() {
+    let (mut app, _, view, light) = at_rest();
+    let place = Transform::from_xyz(f32::NAN, 0.0, 0.0);
+    let mesh = app.world_mut().spawn((Mesh3d::default(), place)).id();
+    let bounds = Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5));
+    app.world_mut().entity_mut(mesh).insert(bounds);
+    for frame in 0..5 {
+        app.world_mut()
+            .get_mut::<Transform>(mesh)
+            .unwrap()
+            .set_changed();
+        assert!(!is_any_drawn(&mut app, view, light), "{frame}");
+    }
+}
+
+/// What has `ShadowUpdates` is compared only once it has been written to, and what is always drawn in each frame.
+#[test]
+fn updates_that_change_nothing_cost_nothing() {
+    let (mut app, boxes, view, light) = at_rest();
+    for caster in &boxes[..400] {
+        app.world_mut()
+            .entity_mut(*caster)
+            .insert(ShadowUpdates::Never);
+    }
+    let near = *boxes.iter().max_by_key(|it| it.index()).unwrap();
+    app.world_mut()
+        .entity_mut(near)
+        .insert((ShadowUpdates::Always, Transform::from_xyz(0.0, 0.5, -12.0)));
+    for _ in 0..5 {
+        app.update();
+    }
+    let moving = || app.world().resource::<ChangedCasters>().moving();
+    assert!(moving().contains(near));
+    assert_eq!(moving().len(), 1);
+    for _ in 0..100 {
+        app.update();
+    }
+    let casters = app.world().get::<CasterCascades>(light).unwrap();
+    assert!(
+        !casters.moving[&view].is_empty(),
+        "it is drawn all the same"
+    );
+}

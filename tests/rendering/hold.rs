@@ -9,7 +9,7 @@ use bevy::{
     light::NotShadowCaster,
     pbr::{LightEntity, ViewLightEntities},
     prelude::*,
-    render::{Render, RenderApp, RenderSystems, view::ExtractedView},
+    render::{Render, RenderApp, RenderSystems, camera::DirtySpecializations, view::ExtractedView},
 };
 use bevy_pssm::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
 use image::RgbaImage;
@@ -427,19 +427,22 @@ fn games_overrule_what_changes() {
 fn what_moves_is_drawn_over_what_rests() {
     let (mut stage, _) = stage(shadows());
     let caster = blocks(&mut stage)[0];
-    let mut frame = |by: f32| {
+    let frame = |stage: &mut Stage, by: f32| {
         let mut at = stage.world().get_mut::<Transform>(caster).expect("one");
         at.translation.x += by;
         stage.step();
-        [drawn(&mut stage), drawn_over(&mut stage)]
+        [drawn(stage), drawn_over(stage)]
     };
     // What rests is drawn without it, once.
-    assert!(frame(0.05)[0] > 0);
+    assert!(frame(&mut stage, 0.05)[0] > 0);
     for _ in 0..30 {
-        let [resting, moving] = frame(0.05);
+        let [resting, moving] = frame(&mut stage, 0.05);
         assert!(resting == 0 && moving > 0, "{resting} {moving}");
     }
-    let later: Vec<_> = (0..120).map(|_| frame(0.0)).collect();
+    // Views of what moves are made anew in each frame, but not which pipelines draw it.
+    let dirty = stage.render_world().resource::<DirtySpecializations>();
+    assert!(dirty.views.is_empty(), "{:?}", dirty.views);
+    let later: Vec<_> = (0..120).map(|_| frame(&mut stage, 0.0)).collect();
     let resting = later.iter().filter(|[resting, _]| *resting > 0).count();
     assert_eq!(resting, 1, "it is taken in again, once");
     assert_eq!(later.last(), Some(&[0, 0]));
@@ -484,6 +487,117 @@ fn a_mask_that_changes_is_drawn_anew() {
     assert!(touch(&mut stage, &mask) > 0);
 }
 
+/// A mask of what casts no shadow has nothing drawn.
+#[test]
+fn what_changes_and_casts_no_shadow_has_nothing_drawn() {
+    let (mut stage, _) = stage(shadows());
+    let panel = blocks(&mut stage)[0];
+    let mask = stage.checkered_mask();
+    let material = StandardMaterial {
+        base_color_texture: Some(mask.clone()),
+        alpha_mode: AlphaMode::Mask(0.5),
+        ..default()
+    };
+    let mut materials = stage.world().resource_mut::<Assets<StandardMaterial>>();
+    let material = materials.add(material);
+    let mut panel = stage.world().entity_mut(panel);
+    panel.insert((MeshMaterial3d(material), NotShadowCaster));
+    stage.headless.settle();
+    for _ in 0..4 {
+        stage.step();
+    }
+    for frame in 0..5 {
+        let mut images = stage.world().resource_mut::<Assets<Image>>();
+        images.get_mut(&mask).expect("an image").asset_usage = RenderAssetUsages::all();
+        stage.step();
+        assert_eq!(drawn(&mut stage), 0, "{frame}");
+    }
+}
+
+/// Maps drawn, and drawn over, in frames in each of which a caster's material, mesh or mask is edited.
+fn edits(updates: ShadowUpdates, edit: impl Fn(&mut World, Entity)) -> Vec<[usize; 2]> {
+    let (mut stage, _) = stage(shadows());
+    let caster = blocks(&mut stage)[0];
+    let mask = stage.checkered_mask();
+    let material = StandardMaterial {
+        base_color_texture: Some(mask.clone()),
+        alpha_mode: AlphaMode::Mask(0.5),
+        ..default()
+    };
+    let world = stage.world();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    let material = materials.add(material);
+    let mut meshes = world.resource_mut::<Assets<Mesh>>();
+    let mesh = meshes.add(Cuboid::from_length(1.5));
+    let mut caster_mut = world.entity_mut(caster);
+    caster_mut.insert((MeshMaterial3d(material), Mesh3d(mesh), updates));
+    stage.headless.settle();
+    for _ in 0..100 {
+        stage.step();
+    }
+    let frame = |is_edited: bool, stage: &mut Stage| {
+        if is_edited {
+            edit(stage.world(), caster);
+        }
+        stage.step();
+        [drawn(stage), drawn_over(stage)]
+    };
+    assert_eq!(frame(false, &mut stage), [0, 0]);
+    let drawn: Vec<_> = (0..30).map(|_| frame(true, &mut stage)).collect();
+    // The same as drawn anew.
+    let held = stage.last_picture();
+    let mut suns = stage.world().query::<&mut ParallelSplitShadows>();
+    for mut config in suns.iter_mut(stage.world()) {
+        config.comparison.updates = MapUpdates::EveryFrame;
+    }
+    frame(false, &mut stage);
+    frame(false, &mut stage);
+    assert_identical("edited", &held, &stage.last_picture());
+    drawn
+}
+
+/// A caster whose mesh or material changes again and again is drawn as what moves, and not at all if it need not show.
+#[test]
+fn what_is_edited_again_and_again_is_drawn_over_what_rests() {
+    type Edit = fn(&mut World, Entity);
+    let edit_material: Edit = |world, caster| {
+        let material = world.get::<MeshMaterial3d<StandardMaterial>>(caster);
+        let material = material.expect("one").0.clone();
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        materials.get_mut(&material).expect("one").emissive.red += 0.01;
+    };
+    let edit_mesh: Edit = |world, caster| {
+        let mesh = world.get::<Mesh3d>(caster).expect("one").0.clone();
+        let mut meshes = world.resource_mut::<Assets<Mesh>>();
+        let mut mesh = meshes.get_mut(&mesh).expect("one");
+        let smaller = mesh.clone().scaled_by(Vec3::new(1.0, 0.98, 1.0));
+        *mesh = smaller;
+    };
+    let edit_mask: Edit = |world, caster| {
+        let material = world.get::<MeshMaterial3d<StandardMaterial>>(caster);
+        let material = material.expect("one").0.clone();
+        let materials = world.resource::<Assets<StandardMaterial>>();
+        let material = materials.get(&material).expect("one");
+        let mask = material.base_color_texture.clone().expect("a mask");
+        let mut images = world.resource_mut::<Assets<Image>>();
+        let mut mask = images.get_mut(&mask).expect("an image");
+        mask.asset_usage = RenderAssetUsages::all();
+    };
+    for (what, edit) in [
+        ("material", edit_material),
+        ("mesh", edit_mesh),
+        ("mask", edit_mask),
+    ] {
+        let frames = edits(ShadowUpdates::Automatic, edit);
+        assert!(frames[0][0] > 0, "{what}: {frames:?}");
+        for [resting, over] in &frames[8..] {
+            assert!(*resting == 0 && *over > 0, "{what}: {frames:?}");
+        }
+    }
+    let frames = edits(ShadowUpdates::Never, edit_material);
+    assert!(frames[8..].iter().all(|it| *it == [0, 0]), "{frames:?}");
+}
+
 /// Gray says for how many frames a map has been held.
 #[test]
 fn the_overlay_shows_how_old_maps_are() {
@@ -508,4 +622,47 @@ fn the_overlay_shows_how_old_maps_are() {
     turned.rotate_y(0.2);
     stage.step();
     assert!(brightness(&stage) < old);
+}
+
+/// A camera that is drawn before another one comes and goes, and takes none of its layers.
+#[test]
+fn a_camera_that_comes_and_goes_has_no_others_maps_drawn() {
+    let (mut stage, _) = stage(shadows());
+    let target = stage.target();
+    let other = stage
+        .world()
+        .spawn((
+            Camera {
+                order: -1,
+                is_active: false,
+                ..default()
+            },
+            target,
+            Camera3d::default(),
+            eye().with_translation(Vec3::new(3.0, 2.0, 8.0)),
+        ))
+        .id();
+    let mut frames = |is_active: bool| {
+        let mut camera = stage.world().get_mut::<Camera>(other).expect("a camera");
+        camera.is_active = is_active;
+        stage.step();
+        let first = drawn(&mut stage);
+        let later = (0..6).map(|_| {
+            stage.step();
+            drawn(&mut stage)
+        });
+        (first, later.last().expect("some"))
+    };
+    // The target grows once, and all is drawn anew.
+    frames(true);
+    frames(false);
+    for _ in 0..3 {
+        let (first, last) = frames(true);
+        assert!(
+            (1..=4).contains(&first),
+            "{first} maps of the one that comes"
+        );
+        assert_eq!(last, 0);
+        assert_eq!(frames(false), (0, 0));
+    }
 }

@@ -6,11 +6,12 @@ use bevy::{
     prelude::*,
     render::{
         RenderApp, RenderPlugin,
+        batching::gpu_preprocessing::{GpuPreprocessingMode, GpuPreprocessingSupport},
         error_handler::{RenderErrorHandler, RenderErrorPolicy},
         occlusion_culling::OcclusionCulling,
-        render_resource::{PollType, WgpuFeatures},
+        render_resource::{PollType, WgpuFeatures, WgpuLimits},
         renderer::RenderDevice,
-        settings::{RenderCreation, WgpuSettings},
+        settings::{RenderCreation, WgpuSettings, WgpuSettingsPriority},
     },
 };
 use bevy_pssm::{ShadowPlans, prelude::*, render::ShadowTarget};
@@ -267,6 +268,38 @@ fn occlusion_culling_loses_no_casters() {
     stage.picture();
     stage.world().entity_mut(sun).insert(shadows());
     assert_identical("occlusion_culling_taken_over", &stage.picture(), &without);
+}
+
+/// Where the GPU has no compute shaders, as in browsers, Bevy's CPU lays out what is drawn.
+#[test]
+fn without_preprocessing_on_the_gpu() {
+    let mut stage = Stage::new();
+    let sun = stage.sun();
+    let built_in = stage.picture();
+    stage.world().entity_mut(sun).insert(shadows());
+    let with = stage.picture();
+    if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
+        light.shadow_maps_enabled = false;
+    }
+    let unshadowed = stage.picture();
+    drop(stage);
+    let gpu = WgpuSettings {
+        priority: WgpuSettingsPriority::WebGL2,
+        limits: WgpuLimits::downlevel_webgl2_defaults(),
+        ..default()
+    };
+    let mut stage = Stage::with_app(gpu, |_| {});
+    let support = stage.render_world().resource::<GpuPreprocessingSupport>();
+    assert!(support.max_supported_mode == GpuPreprocessingMode::None);
+    let sun = stage.sun();
+    assert_same_shadows(
+        "no_preprocessing_built_in",
+        &stage.picture(),
+        &built_in,
+        &unshadowed,
+    );
+    stage.world().entity_mut(sun).insert(shadows());
+    assert_same_shadows("no_preprocessing", &stage.picture(), &with, &unshadowed);
 }
 
 #[test]
