@@ -5,8 +5,7 @@ use glam::{DQuat, DVec2, DVec3, UVec2};
 use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
 use crate::config::{CascadeFit, CasterCulling, MapUpdates};
 use crate::geometry::{
-    body::ConvexBody, fit::MapBox, hull::CasterHull, light_frame::LightFrame,
-    oriented_box::OrientedBox, slice::ViewVolume,
+    body::ConvexBody, fit::MapBox, hull::CasterHull, light_frame::LightFrame, slice::ViewVolume,
 };
 
 /// Why a map is drawn.
@@ -22,23 +21,11 @@ pub enum Redraw {
     Moved,
     /// A caster that it holds, or is to hold, has changed.
     Casters,
-    /// More casters matter now than it was drawn with: those that it does not hold are drawn over those that it does.
+    /// More casters matter now than it was drawn with, or have come: those that it does not hold are drawn over those that
+    /// it does.
     Added,
     /// The settings say so.
     EveryFrame,
-}
-
-/// Casters that have changed since the last plan.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub enum CasterChanges {
-    /// Some, nobody knows where.
-    #[default]
-    Anywhere,
-    /// Where they were, and where they are.
-    At(Vec<OrientedBox>),
-    /// The same, or `None` for anywhere: some are drawn over maps no more, and are in none yet. Maps that are to
-    /// hold them cannot wait.
-    AtOnce(Option<Vec<OrientedBox>>),
 }
 
 /// What a cascade's layer holds.
@@ -53,6 +40,8 @@ pub(super) struct HeldMap {
     map: CascadeMap,
     /// Hulls of the casters that it held before more were added.
     earlier_hulls: Vec<CasterHull>,
+    /// How often casters have been added.
+    additions: usize,
     /// It has outlived the frame that it was drawn anew in.
     has_lasted: bool,
     /// Why it should have been drawn anew, and how many frames ago.
@@ -140,10 +129,12 @@ impl HeldMap {
             Some(Redraw::Casters)
         } else if !covers {
             Some(Redraw::Moved)
-        } else if !self.comes_back_to(&volume.body, wanted.margin(inputs)) {
+        } else if self.lacks_casters(inputs)
+            || !self.comes_back_to(&volume.body, wanted.margin(inputs))
+        {
             // Without culling a map holds more than its hulls tell.
             let is_off = inputs.config.comparison.culling == CasterCulling::Off;
-            Some(if is_off || self.earlier_hulls.len() >= MOST_ADDITIONS {
+            Some(if is_off || self.additions >= MOST_ADDITIONS {
                 Redraw::Moved
             } else {
                 Redraw::Added
@@ -163,22 +154,16 @@ impl HeldMap {
         }
     }
 
+    /// Whether casters have come that are where those are that it holds.
+    fn lacks_casters(&self, inputs: &PlanInputs) -> bool {
+        let mut hulls = self.earlier_hulls.iter().chain([&self.map.hull]);
+        hulls.any(|hull| inputs.changes.come_to(hull))
+    }
+
     /// Whether casters have changed that it holds, or that matter to what is seen.
     fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
         let mut hulls = self.earlier_hulls.iter().chain([&self.map.hull]);
         hulls.any(|hull| inputs.changes.meet(hull))
-    }
-}
-
-impl CasterChanges {
-    /// Whether any are where casters matter.
-    fn meet(&self, hull: &CasterHull) -> bool {
-        match self {
-            Self::Anywhere | Self::AtOnce(None) => true,
-            Self::At(changed) | Self::AtOnce(Some(changed)) => {
-                changed.iter().any(|bounds| hull.intersects_box(bounds))
-            }
-        }
     }
 }
 
@@ -325,10 +310,16 @@ pub(super) fn hold(
     });
     if let (Some(due), Some(held)) = (redraw, held.as_mut()) {
         let waited = held.owed.map_or(0, |(_, frames)| frames);
-        let is_urgent = matches!(inputs.changes, CasterChanges::AtOnce(_))
-            && (held.has_stale_casters(inputs)
-                || inputs.changes.meet(&wanted.hull(inputs, volume)));
+        let lacks_casters = held.lacks_casters(inputs);
+        let is_to_hold =
+            |hull: &CasterHull| inputs.changes.meet(hull) || inputs.changes.come_to(hull);
+        let is_urgent = inputs.changes.are_urgent()
+            && (lacks_casters
+                || held.has_stale_casters(inputs)
+                || is_to_hold(&wanted.hull(inputs, volume)));
         if held.size == size && !is_urgent && turn.is_for_another(inputs, index, (due, waited)) {
+            // What has come is not told of again.
+            let due = if lacks_casters { Redraw::Casters } else { due };
             held.owed = Some((due, waited + 1));
             redraw = None;
         }
@@ -337,10 +328,13 @@ pub(super) fn hold(
         turn.is_taken = true;
         let before = held.take();
         let (placed, spare) = ahead(inputs, volume, wanted, redraw, before.as_ref());
-        let mut earlier_hulls = Vec::new();
+        let (mut earlier_hulls, mut additions) = (Vec::new(), 0);
         if let (Redraw::Added, Some(before)) = (redraw, before) {
+            additions = before.additions + 1;
             earlier_hulls = before.earlier_hulls;
             earlier_hulls.push(before.map.hull);
+            // Of what was for these it lacks what has come.
+            earlier_hulls.retain(|hull| !inputs.changes.come_to(hull));
         }
         *held = Some(HeldMap {
             map: placed.finish(inputs, volume, spare, redraw)?,
@@ -350,6 +344,7 @@ pub(super) fn hold(
             view: *inputs.view,
             center_ws: volume.body.center(),
             earlier_hulls,
+            additions,
             has_lasted: false,
             owed: None,
         });

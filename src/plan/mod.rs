@@ -1,6 +1,7 @@
 //! From a view, a light and a configuration to the cascades that will be drawn: one pure
 //! function, no ECS, that calls [`geometry`](crate::geometry) in order.
 
+mod changes;
 mod choose;
 mod cut;
 mod held;
@@ -15,7 +16,8 @@ mod turning;
 mod volume;
 mod warp;
 
-pub use held::{CasterChanges, Redraw};
+pub use changes::CasterChanges;
+pub use held::Redraw;
 pub use lookup::{bias_scales, filter_of, lookup_reach, over_own_range};
 pub use split::split_planes;
 pub use warp::{warp_direction, warp_frame};

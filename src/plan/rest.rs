@@ -1,6 +1,6 @@
 //! Whether another plan would be the last one again: where a camera rests, and all that it sees.
 
-use super::{CascadePlan, CasterChanges, PlanHistory, PlanInputs};
+use super::{CascadePlan, PlanHistory, PlanInputs};
 use crate::{
     config::MapUpdates,
     geometry::{fit::LookupReach, light_frame::LightFrame, slice::ViewVolume},
@@ -41,7 +41,7 @@ impl PlanHistory {
         self.rest.is_at_rest
             && self.rest.given == Some(Given::of(inputs))
             && self.config.as_ref() == Some(inputs.config)
-            && matches!(inputs.changes, CasterChanges::At(changed) if changed.is_empty())
+            && inputs.changes.are_none()
     }
 
     /// What it is before a plan from the same as the last: others leave nothing as it was.

@@ -30,8 +30,8 @@ use super::{
     ExtractedShadows,
     extract::ExtractedCascade,
     layout::{
-        AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout, LayerRequest,
-        layout_layers,
+        AdoptedLight, AdoptedLights, AdoptedMap, CameraRequest, CascadeRequest, LayerLayout,
+        LayerRequest, layout_layers,
     },
     second_view::{Pipelines, SecondView},
     target::ShadowTarget,
@@ -209,7 +209,7 @@ impl Adoptable<'_, '_> {
             host: host_entity,
             light_count: lights.count().min(MAX_DIRECTIONAL_LIGHTS),
             built_in_layers: camera.lights.lights.len() as u32,
-            first_layer: self.first_layer(entity),
+            first_layer: self.first_layer(entity, &camera.lights.lights),
             cascades: Vec::new(),
         };
         for view in camera.lights.lights.iter() {
@@ -244,10 +244,15 @@ impl Adoptable<'_, '_> {
         Ok(request)
     }
 
-    /// The first layer of a camera's own maps.
-    fn first_layer(&self, camera: Entity) -> Option<u32> {
+    /// The first layer of a camera's own maps, of those that it looks up.
+    fn first_layer(&self, camera: Entity, own: &[Entity]) -> Option<u32> {
         let (_, adopted) = self.adopted_cameras.get(camera).ok()?;
-        adopted.lights.iter().map(|light| light.base_layer).min()
+        let is_own = |light: &&AdoptedLight| {
+            let mut cascades = light.cascades.iter();
+            cascades.all(|(view, _)| own.contains(view))
+        };
+        let own = adopted.lights.iter().filter(is_own);
+        own.map(|light| light.base_layer).min()
     }
 
     fn adopt(

@@ -20,6 +20,7 @@ use super::{
     target::ShadowTarget,
     uniform,
 };
+use crate::support::ShadowSupport;
 
 /// Once Bevy has made views, and before it looks for their pipelines: which maps are the plugin's, and where they lie.
 /// [`PssmRenderSystems::AdoptViews`](super::PssmRenderSystems::AdoptViews) runs it.
@@ -70,10 +71,12 @@ pub(super) fn schedules() -> [Schedule; 2] {
 pub(super) fn has_maps(
     extracted: Res<ExtractedShadows>,
     target: Res<ShadowTarget>,
+    support: Res<ShadowSupport>,
     built_in: Res<DirectionalLightShadowMap>,
     (added, moving): (Res<AddedViews>, Res<MovingViews>),
 ) -> bool {
     let is_all_undone = !target.exists()
+        && !support.is_out_of_room()
         && built_in.size == extracted.built_in_size
         && added.are_none()
         && moving.are_none();

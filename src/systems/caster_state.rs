@@ -48,7 +48,7 @@ pub enum ShadowUpdates {
     Automatic,
     /// In every frame.
     Always,
-    /// When the map is drawn anew for another reason. For what changes and need not show it, as a
+    /// When it comes, and when the map is drawn anew for another reason. For what changes and need not show it, as a
     /// vertex shader that does not move anything, or a material that glows: its first few edits show, for it may be
     /// loading, and then none.
     Never,
@@ -205,6 +205,12 @@ fn rows_where<T>(column: impl Iterator<Item = T>, is_one: impl Fn(T) -> bool) ->
     rows.fold(0, |rows, row| rows | (1 << row))
 }
 
+impl ChangingCasterReadOnlyItem<'_, '_> {
+    pub fn is_never_updated(&self) -> bool {
+        self.updates.as_deref() == Some(&ShadowUpdates::Never)
+    }
+}
+
 impl ChangingCasterItem<'_, '_> {
     fn state(&self, surroundings: &Surroundings, displaced: &EntityHashSet) -> CasterRecord {
         // What is nowhere would differ from itself in every frame.
@@ -303,6 +309,8 @@ impl Surroundings<'_, '_> {
 pub struct Found {
     /// Where casters were and are; `None` for anywhere.
     pub casters: Vec<Option<OrientedBox>>,
+    /// Where those are that have come, and that no map holds.
+    pub come: Vec<OrientedBox>,
     /// Casters that have moved, or bent.
     pub moving: Vec<Entity>,
     /// Casters that are to count as resting, whatever they do.
@@ -314,12 +322,13 @@ impl Found {
     /// Whether more has changed than is told apart. What begins to move is in both places, and more may have
     /// changed where it is.
     pub fn is_flood(&self, most: usize) -> bool {
-        self.moving.len() > most || self.casters.len() > 4 * most
+        self.moving.len() > most || self.casters.len() + self.come.len() > 4 * most
     }
 
     /// Takes what another has found.
     pub fn append(&mut self, other: &mut Self) {
         self.casters.append(&mut other.casters);
+        self.come.append(&mut other.come);
         self.moving.append(&mut other.moving);
         self.resting.append(&mut other.resting);
         self.has_receiver |= core::mem::take(&mut other.has_receiver);
@@ -352,15 +361,22 @@ impl Found {
         let is_restless = is_edited || it.is_restless(surroundings, displaced);
         let is_same = *it.record == state;
         self.has_receiver |= !is_same;
-        if is_restless || !is_same && updates != ShadowUpdates::Never {
+        let has_come = it.record.caster().is_none();
+        if is_restless || !is_same && (has_come || updates != ShadowUpdates::Never) {
             let moves = is_restless || it.record.differs_by_place(&state);
-            if moves && it.can_move(&state) {
+            let is_over_maps = moves && it.can_move(&state);
+            if is_over_maps {
                 self.moving.push(it.entity);
             }
             if !known_moving.contains(it.entity) || it.gpu_culled.is_some() {
-                self.casters.extend(state.caster());
-                if !is_same {
-                    self.casters.extend(it.record.caster());
+                let (before, now) = (it.record.caster(), state.caster());
+                match (before, now) {
+                    (None, Some(Some(_))) if is_over_maps => {}
+                    (None, Some(Some(bounds))) => self.come.push(bounds),
+                    (before, now) => {
+                        self.casters.extend(now);
+                        self.casters.extend(before.filter(|_| !is_same));
+                    }
                 }
             }
         }

@@ -166,18 +166,19 @@ pub fn find_changes(
         .casters
         .extend(removed.filter_map(|record| record.caster()));
     // What has gone with it is in no map any more.
-    if lost.updates.read().any(|mesh| meshes.contains(mesh)) {
+    let lost_updates = lost.updates.read().filter(|mesh| meshes.contains(*mesh));
+    if lost_updates.count() > 0 {
         found.casters.push(None);
     }
-    for mesh in &masked {
-        let record = meshes.get(*mesh).ok().map(|it| it.record.caster());
-        if !changed.moving.contains(*mesh) {
-            found.casters.extend(record.flatten());
+    for mesh in masked.iter().filter_map(|mesh| meshes.get(*mesh).ok()) {
+        let need_not_show = mesh.is_never_updated() && changed.moving.is_edited_often(mesh.entity);
+        if !changed.moving.contains(mesh.entity) && !need_not_show {
+            found.casters.extend(mesh.record.caster());
         }
     }
     changed.moving.note_edits(masked.into_iter().chain(edited));
     // All that the world's origin has been moved with is where it was.
-    let has_moved = core::mem::replace(&mut *last_origin, origin.0) != origin.0;
+    let has_moved = core::mem::replace(&mut *last_origin, origin.get()) != origin.get();
     changed.are_records_old |= has_moved;
     // Spawned before the plugin was there.
     for entity in &unknown {
@@ -277,23 +278,39 @@ pub fn find_changes(
         return;
     }
     changed.have_receivers_changed = found.has_receiver;
-    let stopped = found.resting.into_iter();
+    let stopped = core::mem::take(&mut found.resting).into_iter();
     let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
-    let mut released = changed.moving.update(found.moving);
+    let moving = core::mem::take(&mut found.moving);
+    let mut released = changed.moving.update(moving);
     released.extend(stopped);
     let are_too_many = changed.moving.len() > MOST;
     if are_too_many {
         changed.moving.clear();
     }
     let is_urgent = are_too_many || !released.is_empty();
-    let bounds = if are_too_many || found.casters.len() > MOST {
+    let Found {
+        mut casters,
+        mut come,
+        ..
+    } = found;
+    for caster in released {
+        let record = meshes.get(caster).ok().map(|it| it.record.caster());
+        match record.flatten() {
+            Some(Some(bounds)) => come.push(bounds),
+            anywhere => casters.extend(anywhere),
+        }
+    }
+    let bounds: Option<Vec<_>> = if are_too_many || casters.len() + come.len() > MOST {
         None
     } else {
-        let released = released.into_iter();
-        let released = released.filter_map(|caster| meshes.get(caster).ok()?.record.caster());
-        found.casters.into_iter().chain(released).collect()
+        casters.into_iter().collect()
     };
     changed.changes = match bounds {
+        Some(changed) if !come.is_empty() => CasterChanges::Come {
+            changed,
+            come,
+            is_urgent,
+        },
         _ if is_urgent => CasterChanges::AtOnce(bounds),
         Some(bounds) => CasterChanges::At(bounds),
         None => CasterChanges::Anywhere,

@@ -12,6 +12,7 @@ use bevy::{
     },
     image::Image,
     material::AlphaMode,
+    mesh::{Mesh, Mesh3d},
     pbr::{MeshMaterial3d, StandardMaterial},
     platform::collections::HashSet,
 };
@@ -62,10 +63,13 @@ pub struct Edits<'w, 's> {
     seen: Res<'w, EditedCasters>,
     masks: ResMut<'w, NewMasks>,
     materials: Query<'w, 's, (Entity, &'static MeshMaterial3d<StandardMaterial>)>,
+    meshes: Query<'w, 's, &'static Mesh3d>,
+    assets: Option<Res<'w, Assets<Mesh>>>,
 }
 
 impl Edits<'_, '_> {
-    /// Meshes whose mask has changed, and those whose mesh or material has, which the renderer heeds by itself.
+    /// Entities whose mask has changed, and those whose mesh or material has, which the renderer heeds by itself: but for
+    /// those whose mesh is not there yet, which are no one's habit.
     pub fn take(&mut self) -> (Vec<Entity>, Vec<Entity>) {
         let masks = core::mem::take(&mut self.masks.0);
         let is_masked = |material: &MeshMaterial3d<_>| masks.contains(&material.id());
@@ -76,6 +80,13 @@ impl Edits<'_, '_> {
             let masked = meshes.filter(|(_, material)| is_masked(material));
             masked.map(|(entity, _)| entity).collect()
         };
-        (masked, self.seen.take())
+        let is_there = |entity: &Entity| {
+            let mesh = self.meshes.get(*entity).ok();
+            let assets = self.assets.as_ref();
+            mesh.is_some_and(|mesh| assets.is_none_or(|assets| assets.contains(&mesh.0)))
+        };
+        let mut seen = self.seen.take();
+        seen.retain(is_there);
+        (masked, seen)
     }
 }

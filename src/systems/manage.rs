@@ -26,7 +26,7 @@ use super::{
     publish::{HiddenCascades, published_config},
 };
 use crate::{
-    config::{CascadeFit, ConfigError, ParallelSplitShadows, ShadowPreset, TexelGrid},
+    config::{CascadeFit, ParallelSplitShadows, ShadowPreset, TexelGrid},
     plan::over_own_range,
     support::ShadowSupport,
 };
@@ -50,7 +50,7 @@ pub struct ManagedLight {
     checked: Option<Tick>,
     /// What was wrong with it.
     #[reflect(ignore)]
-    error: Option<ConfigError>,
+    error: Option<String>,
     built_in: Option<BuiltInShadows>,
 }
 
@@ -81,7 +81,8 @@ impl ManagedLight {
         if self.checked != Some(config.last_changed()) {
             self.checked = Some(config.last_changed());
             let error = config.validate(support.max_map_size().load(Ordering::Relaxed));
-            let error = error.err();
+            // What is no number is unlike itself, but not its message.
+            let error = error.err().map(|error| error.to_string());
             match &error {
                 None => self.last_good = Some((**config).clone()),
                 // It may be written in every frame.

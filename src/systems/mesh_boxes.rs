@@ -160,8 +160,10 @@ pub fn forget_changed(mut events: MessageReader<AssetEvent<Mesh>>, mut boxes: Re
     for event in events.read() {
         match event {
             AssetEvent::Modified { id } => {
-                known.remove(id);
-                changing.insert(*id, SHRINK_DELAY);
+                // Nothing has been fitted to what was never asked for.
+                if known.remove(id).is_some() || changing.contains_key(id) {
+                    changing.insert(*id, SHRINK_DELAY);
+                }
             }
             AssetEvent::Removed { id } | AssetEvent::Added { id } => {
                 known.remove(id);

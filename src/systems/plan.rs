@@ -63,6 +63,17 @@ pub struct ShadowPlans {
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ShadowGridOrigin(pub DVec3);
 
+impl ShadowGridOrigin {
+    /// Where grids are anchored, whatever it says.
+    pub(super) fn get(&self) -> DVec3 {
+        if self.0.is_finite() {
+            self.0
+        } else {
+            DVec3::ZERO
+        }
+    }
+}
+
 #[derive(QueryData)]
 pub struct PlannedCamera {
     entity: Entity,
@@ -298,11 +309,7 @@ pub fn plan_shadows(
         let layers = layers_of(it.layers);
         it.published.hide();
 
-        let origin = if origin.0.is_finite() {
-            origin.0
-        } else {
-            DVec3::ZERO
-        };
+        let origin = origin.get();
         let frame = LightFrame::new(it.transform.rotation().as_dquat() * DVec3::Z);
         let frame = frame.map(|frame| frame.at(origin));
         let mut is_degenerate = frame.is_none();

@@ -758,6 +758,98 @@ fn what_comes_to_rest_is_added_at_once() {
     assert!(in_several > 5, "{in_several}");
 }
 
+/// A box of a meter that comes.
+fn comes(center: DVec3) -> (OrientedBox, CasterChanges) {
+    let bounds = OrientedBox {
+        center,
+        half_axes: DMat3::from_diagonal(DVec3::splat(0.5)),
+    };
+    let come = CasterChanges::Come {
+        changed: Vec::new(),
+        come: vec![bounds],
+        is_urgent: false,
+    };
+    (bounds, come)
+}
+
+#[test]
+fn what_comes_is_drawn_over_what_maps_hold() {
+    let nothing = CasterChanges::At(Vec::new());
+    for fit in fits() {
+        let mut walker = Walker::new(fit);
+        walker.plan(&nothing);
+        walker.plan(&nothing);
+        let (_, behind) = comes(walker.eye - 200.0 * walker.forward());
+        assert!(reasons(&walker.plan(&behind)).iter().all(Option::is_none));
+        let (_, near) = comes(walker.eye + 6.0 * walker.forward());
+        // Maps that many are added to are drawn anew, and rid of what matters no more.
+        for time in 0..40 {
+            let why = reasons(&walker.plan(&near));
+            let expected = if time % 33 == 32 {
+                Redraw::Moved
+            } else {
+                Redraw::Added
+            };
+            assert_eq!(why[0], Some(expected), "{time}");
+            assert_eq!(why.last(), Some(&None), "{time}");
+            assert!(reasons(&walker.plan(&nothing)).iter().all(Option::is_none));
+        }
+    }
+}
+
+/// Where a view looks to and fro, what comes meanwhile is missing nowhere, or no longer than maps may wait.
+#[test]
+fn what_comes_is_missing_from_no_map() {
+    let nothing = CasterChanges::At(Vec::new());
+    for (fit, delay) in fits()
+        .into_iter()
+        .flat_map(|fit| [(fit.clone(), 0), (fit, 5)])
+    {
+        let mut walker = Walker::new(fit.clone());
+        walker.config.delay = delay;
+        let mut there: Vec<OrientedBox> = Vec::new();
+        // Of each map: which it holds, and for how long others have been missing.
+        let mut held: Vec<(Vec<bool>, u32)> = Vec::new();
+        let mut additions = 0;
+        for frame in 0..400_u32 {
+            walker.yaw = 0.9 * (0.05 * frame as f32).sin();
+            walker.eye.x = 3.0 * (0.013 * f64::from(frame)).sin();
+            let angle = 2.4 * frame as f32;
+            let distance = 3.0 + f64::from(frame * 7 % 61);
+            let towards = (Quat::from_rotation_y(angle) * Vec3::NEG_Z).as_dvec3();
+            let (bounds, come) = comes(walker.eye + distance * towards);
+            let changes = if frame % 3 == 2 { &come } else { &nothing };
+            if frame % 3 == 2 {
+                there.push(bounds);
+            }
+            let plans = walker.plan(changes);
+            held.resize(plans.len(), (Vec::new(), 0));
+            for (plan, (held, missing)) in plans.iter().zip(&mut held) {
+                held.resize(there.len(), false);
+                let Some(map) = &plan.map else {
+                    continue;
+                };
+                let holds = |it: &OrientedBox| map.hull.intersects_box(it);
+                match map.redraw {
+                    None => {}
+                    Some(Redraw::Added) => {
+                        additions += 1;
+                        for (held, it) in held.iter_mut().zip(&there) {
+                            *held |= holds(it);
+                        }
+                    }
+                    Some(_) => *held = there.iter().map(holds).collect(),
+                }
+                let mut needed = there.iter().zip(&*held);
+                let lacks = needed.any(|(it, held)| !held && map.hull_now.intersects_box(it));
+                *missing = if lacks { *missing + 1 } else { 0 };
+                assert!(*missing <= delay, "{fit:?}, {delay}, frame {frame}");
+            }
+        }
+        assert!(additions > 20, "{fit:?}, {delay}: {additions}");
+    }
+}
+
 /// Maps that hold more than their hulls tell are not added to.
 #[test]
 fn without_culling_nothing_is_added() {

@@ -423,6 +423,14 @@ fn a_mistake_is_told_once_however_often_it_is_written() {
         lines.iter().filter(of_value).count()
     };
     assert_eq!([told("-7.5"), told("-8.5")], [2, 1], "{lines:#?}");
+    for _ in 0..3 {
+        let config = app.world_mut().get_mut::<ParallelSplitShadows>(light);
+        config.unwrap().splits = SplitScheme::Manual(vec![f32::NAN, 20.0, 78.5]);
+        app.update();
+    }
+    let lines = warnings::peek();
+    let told = lines.iter().filter(|line| line.contains("NaN"));
+    assert_eq!(told.count(), 1, "{lines:#?}");
 }
 
 /// What was planned for a light goes with it.

@@ -15,8 +15,11 @@ use bevy::{
     prelude::*,
 };
 use bevy_pssm::{
-    CasterCascades, ShadowPlans, geometry::hysteresis::SHRINK_DELAY, plan::CascadePlan, prelude::*,
-    systems::DisplacedMeshes,
+    CasterCascades, ShadowPlans,
+    geometry::hysteresis::SHRINK_DELAY,
+    plan::CascadePlan,
+    prelude::*,
+    systems::{DisplacedMeshes, MeshBoxes},
 };
 
 use crate::lights::{app, sun};
@@ -295,6 +298,30 @@ fn parts_are_known_some_time_later(usage: RenderAssetUsages) {
 }
 
 /// However flat or sheared a mesh is, and however large its margin, it receives shadows.
+/// Meshes whose parts nobody has asked for may change in every frame.
+#[test]
+fn meshes_that_change_elsewhere_unsettle_nothing() {
+    let mut setting = Setting::new(());
+    let mut meshes = setting.app.world_mut().resource_mut::<Assets<Mesh>>();
+    let cloth = meshes.add(terrain(60));
+    for _ in 0..3 {
+        let mut meshes = setting.app.world_mut().resource_mut::<Assets<Mesh>>();
+        meshes.get_mut(&cloth).unwrap().compute_smooth_normals();
+        setting.app.update();
+        assert!(setting.app.world().resource::<MeshBoxes>().are_settled());
+    }
+    // One that the eye is in is asked for.
+    setting.app.world_mut().spawn(Mesh3d(cloth.clone()));
+    for _ in 0..3 {
+        setting.app.update();
+    }
+    let mut meshes = setting.app.world_mut().resource_mut::<Assets<Mesh>>();
+    meshes.get_mut(&cloth).unwrap().compute_smooth_normals();
+    setting.app.update();
+    setting.app.update();
+    assert!(!setting.app.world().resource::<MeshBoxes>().are_settled());
+}
+
 #[test]
 fn any_mesh_may_have_a_margin() {
     for (scale, margin) in [

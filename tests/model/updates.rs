@@ -168,6 +168,16 @@ fn comes_to_rest(delay: u32) {
 /// Where casters are added to what maps hold, all that matters is there, and each is drawn once.
 #[test]
 fn what_is_added_is_all_that_maps_lack() {
+    adds_all_that_maps_lack(30);
+}
+
+/// Much comes and goes.
+#[test]
+fn what_comes_is_added_to_all_maps_that_lack_it() {
+    adds_all_that_maps_lack(2);
+}
+
+fn adds_all_that_maps_lack(step: usize) {
     let mut app = app();
     let view = camera(&mut app);
     let light = sun(&mut app, ParallelSplitShadows::default());
@@ -181,7 +191,7 @@ fn what_is_added_is_all_that_maps_lack() {
         at.translation.x = (0.05 * frame as f32).sin();
         // One comes and one goes, now and then.
         let mut some = world.get_mut::<Visibility>(boxes[7 * frame % boxes.len()]);
-        if let Some(it) = some.as_mut().filter(|_| frame % 30 == 29) {
+        if let Some(it) = some.as_mut().filter(|_| frame % step == step - 1) {
             it.toggle_visible_hidden();
         }
         app.update();
@@ -610,17 +620,66 @@ fn what_comes_and_goes_elsewhere_has_nothing_drawn() {
             let place = Transform::from_translation(at);
             let mesh = (Mesh3d::default(), bounds, place, Visibility::default());
             let mesh = app.world_mut().spawn((mesh, updates)).id();
-            let has_come = is_any_drawn(&mut app, view, light);
+            app.update();
+            let has_come = drawn(&app, view, light) > 0;
             app.world_mut().despawn(mesh);
             [has_come, is_any_drawn(&mut app, view, light)]
         };
         let far = Vec3::new(0.0, 0.5, 5000.0);
         assert_eq!(come(far), [false; 2], "{updates:?}");
-        // What is in a map leaves it, or has it drawn as it comes.
+        // What is drawn over a map leaves nothing behind, and what a map may hold does.
         let near = Vec3::new(0.0, 0.5, -12.0);
-        assert!(come(near).contains(&true), "{updates:?}");
+        let leaves_something = updates == ShadowUpdates::Never;
+        assert_eq!(come(near), [true, leaves_something], "{updates:?}");
         app.update();
     }
+}
+
+/// What comes is drawn alone, and so is what has ceased to move where something else still does.
+#[test]
+fn what_comes_costs_itself() {
+    let (mut app, boxes, view, light) = at_rest();
+    let why = |app: &App| -> Vec<Redraw> {
+        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        maps.filter_map(|map| map.redraw).collect()
+    };
+    let bounds = Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5));
+    let near = Transform::from_xyz(0.0, 0.5, -12.0);
+    let come = (Mesh3d::default(), bounds, near, Visibility::default());
+    let come = app.world_mut().spawn(come).id();
+    app.update();
+    let added = why(&app);
+    assert!(!added.is_empty() && added.iter().all(|it| *it == Redraw::Added));
+    assert!(drawn(&app, view, light) <= added.len());
+    // Hidden, it leaves maps that hold it.
+    app.world_mut().entity_mut(come).insert(Visibility::Hidden);
+    app.update();
+    assert!(why(&app).contains(&Redraw::Casters));
+    app.world_mut()
+        .entity_mut(come)
+        .insert(Visibility::Inherited);
+    app.update();
+    assert!(why(&app).iter().all(|it| *it == Redraw::Added));
+
+    // Two move, and one of them stops.
+    let distance = |it: &&Entity| {
+        let at = app.world().get::<Transform>(**it).unwrap().translation;
+        at.distance_squared(Vec3::new(4.0, 0.0, -12.0)) as i32
+    };
+    let other = *boxes.iter().min_by_key(distance).unwrap();
+    let mut reasons = Vec::new();
+    for frame in 0..150 {
+        lift(&mut app, &[other], if frame % 2 == 0 { 0.1 } else { -0.1 });
+        if frame < 10 {
+            lift(&mut app, &[come], 0.05);
+        }
+        app.update();
+        reasons.extend(why(&app).into_iter().map(|why| (frame, why)));
+    }
+    let (first, later): (Vec<_>, Vec<_>) = reasons.into_iter().partition(|it| it.0 == 0);
+    assert!(first.iter().all(|it| it.1 == Redraw::Casters) && !first.is_empty());
+    assert!(later.iter().all(|it| it.1 == Redraw::Added) && !later.is_empty());
 }
 
 /// All casters go along with the world's origin: none of them moves.
@@ -646,6 +705,29 @@ fn what_the_world_is_moved_with_does_not_move() {
     app.update();
     let moving = app.world().resource::<ChangedCasters>().moving().len();
     assert_eq!(moving, 1);
+}
+
+/// What many lose in a frame is one frame's change, and an origin that is no number none.
+#[test]
+fn changes_are_told_once() {
+    let (mut app, boxes, view, light) = at_rest();
+    for caster in &boxes[..5] {
+        app.world_mut()
+            .entity_mut(*caster)
+            .insert(ShadowUpdates::Automatic);
+    }
+    assert!(is_any_drawn(&mut app, view, light));
+    assert!(!is_any_drawn(&mut app, view, light));
+    for caster in &boxes[..5] {
+        app.world_mut()
+            .entity_mut(*caster)
+            .remove::<ShadowUpdates>();
+    }
+    assert!(is_any_drawn(&mut app, view, light));
+    assert!(!is_any_drawn(&mut app, view, light));
+    app.world_mut().resource_mut::<ShadowGridOrigin>().0.x = f64::NAN;
+    app.update();
+    assert!(!is_any_drawn(&mut app, view, light));
 }
 
 /// A caster whose place is no number is in no map, and changes none however often it is written.

@@ -411,7 +411,8 @@ fn games_overrule_what_changes() {
     assert!(frame(&|it| set(it, Some(ShadowUpdates::Always)))[0] > 0);
     assert!(frame(&|_| ())[1] > 0);
     // It rests again.
-    assert!(frame(&|it| set(it, Some(ShadowUpdates::Never)))[0] > 0);
+    let [anew, over] = frame(&|it| set(it, Some(ShadowUpdates::Never)));
+    assert!(anew == 0 && over > 0);
     frame(&|_| ());
     let move_it = |it: &mut EntityWorldMut| {
         it.get_mut::<Transform>().expect("one").translation.x += 1.0;
@@ -442,9 +443,9 @@ fn what_moves_is_drawn_over_what_rests() {
     // Views of what moves are made anew in each frame, but not which pipelines draw it.
     let dirty = stage.render_world().resource::<DirtySpecializations>();
     assert!(dirty.views.is_empty(), "{:?}", dirty.views);
-    let later: Vec<_> = (0..120).map(|_| frame(&mut stage, 0.0)).collect();
+    let later: Vec<_> = (0..240).map(|_| frame(&mut stage, 0.0)).collect();
     let resting = later.iter().filter(|[resting, _]| *resting > 0).count();
-    assert_eq!(resting, 1, "it is taken in again, once");
+    assert_eq!(resting, 1, "what rests is drawn into the map itself, once");
     assert_eq!(later.last(), Some(&[0, 0]));
 }
 
@@ -580,8 +581,7 @@ fn what_is_edited_again_and_again_is_drawn_over_what_rests() {
         let material = materials.get(&material).expect("one");
         let mask = material.base_color_texture.clone().expect("a mask");
         let mut images = world.resource_mut::<Assets<Image>>();
-        let mut mask = images.get_mut(&mask).expect("an image");
-        mask.asset_usage = RenderAssetUsages::all();
+        images.get_mut(&mask).expect("an image").asset_usage = RenderAssetUsages::all();
     };
     for (what, edit) in [
         ("material", edit_material),
@@ -596,6 +596,47 @@ fn what_is_edited_again_and_again_is_drawn_over_what_rests() {
     }
     let frames = edits(ShadowUpdates::Never, edit_material);
     assert!(frames[8..].iter().all(|it| *it == [0, 0]), "{frames:?}");
+}
+
+/// A caster whose edits need not show, and go on while its mesh is loaded, has a shadow all the same.
+#[test]
+fn what_loads_late_has_a_shadow_though_its_edits_need_not_show() {
+    let load = |updates: MapUpdates| {
+        let comparison = Comparison {
+            updates,
+            ..default()
+        };
+        let (mut stage, _) = stage(ParallelSplitShadows {
+            comparison,
+            ..shadows()
+        });
+        let block = blocks(&mut stage)[0];
+        let world = stage.world();
+        let mesh = world.get::<Mesh3d>(block).expect("one").0.clone();
+        let meshes = world.resource::<Assets<Mesh>>();
+        let loaded = meshes.get(&mesh).expect("a mesh").clone();
+        let late = meshes.reserve_handle();
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        let glowing = materials.add(StandardMaterial::default());
+        let material = MeshMaterial3d(glowing.clone());
+        let place = Transform::from_xyz(1.5, 1.0, 4.0);
+        world.spawn((Mesh3d(late.clone()), material, place, ShadowUpdates::Never));
+        for frame in 0..40 {
+            let world = stage.world();
+            let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+            materials.get_mut(&glowing).expect("one").emissive.red = 0.01 * frame as f32;
+            if frame == 20 {
+                let mut meshes = world.resource_mut::<Assets<Mesh>>();
+                meshes.insert(late.id(), loaded.clone()).expect("a handle");
+            }
+            stage.step();
+        }
+        (drawn(&mut stage), stage.last_picture())
+    };
+    let (_, anew) = load(MapUpdates::EveryFrame);
+    let (count, held) = load(MapUpdates::WhenNeeded);
+    assert_identical("late_and_glowing", &held, &anew);
+    assert_eq!(count, 0);
 }
 
 /// Gray says for how many frames a map has been held.
