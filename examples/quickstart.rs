@@ -1,4 +1,5 @@
-//! A sun with parallel-split shadows: the plugin, and one component.
+//! A sun with parallel-split shadows: the plugin, and one component. The camera flies by WASD and the mouse, for which Bevy
+//! wants its feature `free_camera`.
 
 use bevy::{
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},

@@ -1,6 +1,6 @@
 //! Casters whose mesh or material changes.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
@@ -14,7 +14,7 @@ use bevy::{
     material::AlphaMode,
     mesh::{Mesh, Mesh3d},
     pbr::{MeshMaterial3d, StandardMaterial},
-    platform::collections::HashSet,
+    platform::{collections::HashSet, sync::Arc},
 };
 
 /// Casters whose mesh or material has changed of late, as the renderer has seen them: of whatever type it is.

@@ -702,7 +702,7 @@ fn what_the_world_is_moved_with_does_not_move() {
     for frame in 0..5 {
         let moving = app.world().resource::<ChangedCasters>().moving().len();
         assert_eq!(moving, 0, "{frame}");
-        assert_eq!(is_any_drawn(&mut app, view, light), false, "{frame}");
+        assert!(!is_any_drawn(&mut app, view, light), "{frame}");
     }
     lift(&mut app, &boxes[800..801], 0.5);
     app.update();
