@@ -40,6 +40,8 @@ pub(super) struct HeldMap {
     map: CascadeMap,
     /// Hulls of the casters that it held before more were added.
     earlier_hulls: Vec<CasterHull>,
+    /// Hulls of which it holds the casters, but for some that have come later.
+    partial_hulls: Vec<CasterHull>,
     /// How often casters have been added.
     additions: usize,
     /// It has outlived the frame that it was drawn anew in.
@@ -162,7 +164,8 @@ impl HeldMap {
 
     /// Whether casters have changed that it holds, or that matter to what is seen.
     fn has_stale_casters(&self, inputs: &PlanInputs) -> bool {
-        let mut hulls = self.earlier_hulls.iter().chain([&self.map.hull]);
+        let hulls = self.earlier_hulls.iter().chain(&self.partial_hulls);
+        let mut hulls = hulls.chain([&self.map.hull]);
         hulls.any(|hull| inputs.changes.meet(hull))
     }
 }
@@ -328,13 +331,15 @@ pub(super) fn hold(
         turn.is_taken = true;
         let before = held.take();
         let (placed, spare) = ahead(inputs, volume, wanted, redraw, before.as_ref());
-        let (mut earlier_hulls, mut additions) = (Vec::new(), 0);
+        let (mut earlier_hulls, mut partial_hulls) = (Vec::new(), Vec::new());
+        let mut additions = 0;
         if let (Redraw::Added, Some(before)) = (redraw, before) {
             additions = before.additions + 1;
-            earlier_hulls = before.earlier_hulls;
-            earlier_hulls.push(before.map.hull);
-            // Of what was for these it lacks what has come.
-            earlier_hulls.retain(|hull| !inputs.changes.come_to(hull));
+            let hulls = before.earlier_hulls.into_iter();
+            let hulls = hulls.chain([before.map.hull]);
+            let are_partial = |hull: &CasterHull| inputs.changes.come_to(hull);
+            (partial_hulls, earlier_hulls) = hulls.partition(are_partial);
+            partial_hulls.extend(before.partial_hulls);
         }
         *held = Some(HeldMap {
             map: placed.finish(inputs, volume, spare, redraw)?,
@@ -344,6 +349,7 @@ pub(super) fn hold(
             view: *inputs.view,
             center_ws: volume.body.center(),
             earlier_hulls,
+            partial_hulls,
             additions,
             has_lasted: false,
             owed: None,

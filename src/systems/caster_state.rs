@@ -31,6 +31,7 @@ use bevy::{
 
 use super::{
     bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
+    casters::is_somewhere,
     moving::MovingCasters,
 };
 use crate::geometry::oriented_box::OrientedBox;
@@ -214,7 +215,7 @@ impl ChangingCasterReadOnlyItem<'_, '_> {
 impl ChangingCasterItem<'_, '_> {
     fn state(&self, surroundings: &Surroundings, displaced: &EntityHashSet) -> CasterRecord {
         // What is nowhere would differ from itself in every frame.
-        if !self.inherited.get() || !self.transform.affine().is_finite() {
+        if !self.inherited.get() || !is_somewhere(&self.transform) {
             return CasterRecord::Nothing;
         }
         let margin = Margin::of(self.entity, self.margin.as_deref(), displaced);

@@ -172,7 +172,8 @@ impl Culling<'_> {
             && self
                 .ranges
                 .is_some_and(|ranges| !ranges.entity_is_in_range_of_view(caster.entity, self.view));
-        if !caster.inherited.get() || !layers_meet || is_out_of_range {
+        let is_somewhere = caster.transform.is_none_or(is_somewhere);
+        if !caster.inherited.get() || !layers_meet || is_out_of_range || !is_somewhere {
             return CascadeSet::default();
         }
         match (caster.aabb, caster.transform) {
@@ -190,6 +191,11 @@ impl Culling<'_> {
             _ => among,
         }
     }
+}
+
+/// Whether a place is one: what has none is in no map.
+pub(super) fn is_somewhere(transform: &GlobalTransform) -> bool {
+    transform.affine().is_finite()
 }
 
 /// Rows of tables that are looked over together.

@@ -176,7 +176,8 @@ pub fn find_changes(
             found.casters.extend(mesh.record.caster());
         }
     }
-    changed.moving.note_edits(masked.into_iter().chain(edited));
+    let edited = masked.into_iter().chain(edited);
+    changed.moving.note_edits(edited, |it| edits.has_mesh(it));
     // All that the world's origin has been moved with is where it was.
     let has_moved = core::mem::replace(&mut *last_origin, origin.get()) != origin.get();
     changed.are_records_old |= has_moved;

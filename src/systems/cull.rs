@@ -15,6 +15,7 @@ use bevy::{
     },
     light::{DirectionalLight, SpotLight},
     shape::ViewFrustum,
+    transform::components::GlobalTransform,
 };
 
 use super::{
@@ -22,7 +23,7 @@ use super::{
     SharedViews,
     bounds::DisplacedMeshes,
     caster_cascades::cascades_of,
-    casters::{Caster, Culling, IsCaster, cull, maps_where},
+    casters::{Caster, Culling, IsCaster, cull, is_somewhere, maps_where},
     moving::MovingCasters,
     publish::{
         PublishedCascades, PublishedCascadesItem, empty_cascade, publish_alike, published_cascade,
@@ -53,7 +54,14 @@ pub fn cull_casters(
     mut lights: Query<CulledLight, Without<SpotLight>>,
     mut casters: ParamSet<(
         Query<Caster, IsCaster>,
-        Query<(&InheritedVisibility, &mut ViewVisibility), IsCaster>,
+        Query<
+            (
+                &InheritedVisibility,
+                &mut ViewVisibility,
+                Option<&GlobalTransform>,
+            ),
+            IsCaster,
+        >,
     )>,
     ranges: Option<Res<VisibleEntityRanges>>,
     displaced: Res<DisplacedMeshes>,
@@ -138,8 +146,10 @@ pub fn cull_casters(
                 *cascades = cascades.and(keeping);
                 match visibilities.get_mut(*caster) {
                     _ if cascades.is_empty() => false,
-                    Ok((inherited, mut visibility))
-                        if inherited.get() && !moving.contains(*caster) =>
+                    Ok((inherited, mut visibility, transform))
+                        if inherited.get()
+                            && !moving.contains(*caster)
+                            && transform.is_none_or(is_somewhere) =>
                     {
                         visibility.set_visible();
                         true
@@ -165,7 +175,7 @@ pub fn cull_casters(
                 let found = found.into_iter().filter(|(it, _)| !moving.contains(*it));
                 let before = known.len();
                 for (caster, cascades) in found {
-                    if let Ok((_, mut visibility)) = visibilities.get_mut(caster) {
+                    if let Ok((_, mut visibility, _)) = visibilities.get_mut(caster) {
                         visibility.set_visible();
                     }
                     let more = cascades.and(added_to);
@@ -196,7 +206,7 @@ pub fn cull_casters(
                 }));
                 let mut visibilities = casters.p1();
                 for (caster, _) in over.iter() {
-                    if let Ok((_, mut visibility)) = visibilities.get_mut(*caster) {
+                    if let Ok((_, mut visibility, _)) = visibilities.get_mut(*caster) {
                         visibility.set_visible();
                     }
                 }

@@ -68,8 +68,7 @@ pub struct Edits<'w, 's> {
 }
 
 impl Edits<'_, '_> {
-    /// Entities whose mask has changed, and those whose mesh or material has, which the renderer heeds by itself: but for
-    /// those whose mesh is not there yet, which are no one's habit.
+    /// Entities whose mask has changed, and those whose mesh or material has, which the renderer heeds by itself.
     pub fn take(&mut self) -> (Vec<Entity>, Vec<Entity>) {
         let masks = core::mem::take(&mut self.masks.0);
         let is_masked = |material: &MeshMaterial3d<_>| masks.contains(&material.id());
@@ -80,13 +79,13 @@ impl Edits<'_, '_> {
             let masked = meshes.filter(|(_, material)| is_masked(material));
             masked.map(|(entity, _)| entity).collect()
         };
-        let is_there = |entity: &Entity| {
-            let mesh = self.meshes.get(*entity).ok();
-            let assets = self.assets.as_ref();
-            mesh.is_some_and(|mesh| assets.is_none_or(|assets| assets.contains(&mesh.0)))
-        };
-        let mut seen = self.seen.take();
-        seen.retain(is_there);
-        (masked, seen)
+        (masked, self.seen.take())
+    }
+
+    /// Whether an entity's mesh is loaded.
+    pub fn has_mesh(&self, entity: Entity) -> bool {
+        let mesh = self.meshes.get(entity).ok();
+        let assets = self.assets.as_ref();
+        mesh.is_some_and(|mesh| assets.is_none_or(|assets| assets.contains(&mesh.0)))
     }
 }

@@ -24,6 +24,8 @@ pub struct MovingCasters {
     edit_frame: u32,
     /// Those that are edited again and again, and have been since the last frame.
     edited: EntityHashSet,
+    /// Those of `edits` whose mesh was not there.
+    late: EntityHashSet,
 }
 
 impl MovingCasters {
@@ -61,14 +63,23 @@ impl MovingCasters {
         self.edits.get(&caster).is_some_and(is_often)
     }
 
-    /// Takes in whose mesh, material or mask has changed since the last frame.
-    pub fn note_edits(&mut self, edited: impl Iterator<Item = Entity>) {
+    /// Takes in whose mesh, material or mask has changed since the last frame. Whatever has been edited before its mesh
+    /// was there, is new once that is.
+    pub fn note_edits(
+        &mut self,
+        edited: impl Iterator<Item = Entity>,
+        has_mesh: impl Fn(Entity) -> bool,
+    ) {
+        for caster in self.late.extract_if(|caster| has_mesh(*caster)) {
+            self.edits.remove(&caster);
+        }
         self.edited.clear();
         self.edit_frame = self.edit_frame.wrapping_add(1);
         let frame = self.edit_frame;
         if frame.is_multiple_of(QUIET) {
             self.edits
                 .retain(|_, (_, last)| frame.wrapping_sub(*last) < QUIET);
+            self.late.retain(|caster| self.edits.contains_key(caster));
         }
         for caster in edited {
             let (times, last) = self.edits.entry(caster).or_default();
@@ -79,6 +90,9 @@ impl MovingCasters {
                 _ => 1,
             };
             *last = frame;
+            if !has_mesh(caster) {
+                self.late.insert(caster);
+            }
             if *times >= EDITS {
                 self.edited.insert(caster);
             }

@@ -818,11 +818,17 @@ fn what_comes_is_missing_from_no_map() {
             let distance = 3.0 + f64::from(frame * 7 % 61);
             let towards = (Quat::from_rotation_y(angle) * Vec3::NEG_Z).as_dvec3();
             let (bounds, come) = comes(walker.eye + distance * towards);
-            let changes = if frame % 3 == 2 { &come } else { &nothing };
+            // Of those that are there one changes now and then, wherever it is.
+            let changing = (frame % 7 == 6).then_some(31 * frame as usize % there.len().max(1));
+            let changes = match (frame % 3, changing) {
+                (2, _) => come,
+                (_, Some(index)) => CasterChanges::At(vec![there[index]]),
+                _ => nothing.clone(),
+            };
             if frame % 3 == 2 {
                 there.push(bounds);
             }
-            let plans = walker.plan(changes);
+            let plans = walker.plan(&changes);
             held.resize(plans.len(), (Vec::new(), 0));
             for (plan, (held, missing)) in plans.iter().zip(&mut held) {
                 held.resize(there.len(), false);
@@ -830,6 +836,14 @@ fn what_comes_is_missing_from_no_map() {
                     continue;
                 };
                 let holds = |it: &OrientedBox| map.hull.intersects_box(it);
+                let is_anew = map.redraw.is_some_and(|why| why != Redraw::Added);
+                if let CasterChanges::At(changed) = &changes
+                    && let Some(index) = changing
+                    && !changed.is_empty()
+                    && delay == 0
+                {
+                    assert!(!held[index] || is_anew, "{fit:?}, frame {frame}");
+                }
                 match map.redraw {
                     None => {}
                     Some(Redraw::Added) => {

@@ -748,6 +748,19 @@ fn what_is_nowhere_has_nothing_drawn() {
             .set_changed();
         assert!(!is_any_drawn(&mut app, view, light), "{frame}");
     }
+    // Whatever has been drawn meanwhile, it is drawn once it is somewhere.
+    app.world_mut().spawn((
+        Mesh3d::default(),
+        bounds,
+        Transform::from_xyz(1.0, 0.5, -12.0),
+    ));
+    app.update();
+    assert!(drawn(&app, view, light) > 0);
+    *app.world_mut().get_mut::<Transform>(mesh).unwrap() = Transform::from_xyz(0.0, 0.5, -12.0);
+    app.update();
+    let casters = app.world().get::<CasterCascades>(light).unwrap();
+    let mut added = casters.added[&view].iter();
+    assert!(added.any(|(caster, _)| *caster == mesh));
 }
 
 /// What has `ShadowUpdates` is compared only once it has been written to, and what is always drawn in each frame.

@@ -630,6 +630,9 @@ fn what_loads_late_has_a_shadow_though_its_edits_need_not_show() {
                 meshes.insert(late.id(), loaded.clone()).expect("a handle");
             }
             stage.step();
+            // Its edits show in no map as long as it is not there.
+            let is_held = updates == MapUpdates::WhenNeeded;
+            assert!(!is_held || !(10..20).contains(&frame) || drawn(&mut stage) == 0);
         }
         (drawn(&mut stage), stage.last_picture())
     };
