@@ -26,7 +26,7 @@ pub enum CasterChanges {
 
 impl CasterChanges {
     /// Whether none has changed.
-    pub(super) fn are_none(&self) -> bool {
+    pub fn are_none(&self) -> bool {
         matches!(self, Self::At(changed) if changed.is_empty())
     }
 

@@ -70,6 +70,8 @@ pub fn cull_casters(
 ) {
     let displaced = displaced.get();
     let none_moving = MovingCasters::default();
+    // What has been somewhere still is.
+    let are_same = changed.get().are_none();
     for mut it in &mut lights {
         let Some(config) = it.managed.config() else {
             *it.casters = CasterCascades::default();
@@ -149,7 +151,7 @@ pub fn cull_casters(
                     Ok((inherited, mut visibility, transform))
                         if inherited.get()
                             && !moving.contains(*caster)
-                            && transform.is_none_or(is_somewhere) =>
+                            && (are_same || transform.is_none_or(is_somewhere)) =>
                     {
                         visibility.set_visible();
                         true
