@@ -49,7 +49,7 @@ pub enum ShadowUpdates {
     Automatic,
     /// In every frame.
     Always,
-    /// When it comes, and when the map is drawn anew for another reason. For what changes and need not show it, as a
+    /// When it comes or goes, and when the map is drawn anew for another reason. For what changes and need not show it, as a
     /// vertex shader that does not move anything, or a material that glows: its first few edits show, for it may be
     /// loading, and then none.
     Never,
@@ -362,8 +362,9 @@ impl Found {
         let is_restless = is_edited || it.is_restless(surroundings, displaced);
         let is_same = *it.record == state;
         self.has_receiver |= !is_same;
-        let has_come = it.record.caster().is_none();
-        if is_restless || !is_same && (has_come || updates != ShadowUpdates::Never) {
+        // Whatever does not count while it is there, what comes and what goes does.
+        let is_no_caster = it.record.caster().is_none() || state.caster().is_none();
+        if is_restless || !is_same && (is_no_caster || updates != ShadowUpdates::Never) {
             let moves = is_restless || it.record.differs_by_place(&state);
             let is_over_maps = moves && it.can_move(&state);
             if is_over_maps {

@@ -763,6 +763,29 @@ fn what_is_nowhere_has_nothing_drawn() {
     assert!(added.any(|(caster, _)| *caster == mesh));
 }
 
+/// What counts for nothing while it is there leaves maps as it goes nowhere, and is added where it comes back.
+#[test]
+fn what_goes_nowhere_leaves_nothing_behind() {
+    let (mut app, boxes, view, light) = at_rest();
+    let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+    let listed = &lists.entities[&view][0].entities;
+    let caster = *boxes.iter().find(|it| listed.contains(it)).unwrap();
+    app.world_mut()
+        .entity_mut(caster)
+        .insert(ShadowUpdates::Never);
+    assert!(!is_any_drawn(&mut app, view, light));
+    let place = |app: &App| *app.world().get::<Transform>(caster).unwrap();
+    let from = place(&app);
+    *app.world_mut().get_mut::<Transform>(caster).unwrap() = Transform::from_xyz(f32::NAN, 0., 0.);
+    assert!(is_any_drawn(&mut app, view, light));
+    let back = from.with_translation(from.translation + Vec3::Y);
+    *app.world_mut().get_mut::<Transform>(caster).unwrap() = back;
+    app.update();
+    let casters = app.world().get::<CasterCascades>(light).unwrap();
+    let mut added = casters.added[&view].iter();
+    assert!(added.any(|(it, _)| *it == caster));
+}
+
 /// What has `ShadowUpdates` is compared only once it has been written to, and what is always drawn in each frame.
 #[test]
 fn updates_that_change_nothing_cost_nothing() {
