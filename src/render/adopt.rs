@@ -38,9 +38,10 @@ use super::{
 };
 use crate::support::{Obstacle, ShadowSupport};
 
-/// Readies what Bevy makes views of, and keeps what it is about to drop: no occlusion culling, which has no late phase for cascades and would drop casters
+/// Readies what Bevy makes views of: no occlusion culling, which has no late phase for cascades and would drop casters
 /// for a frame, and no large array for maps that live in the target, and are not drawn into it. Unless slots may run
-/// out, which only [`adopt_views`] finds out, too late to make it large again.
+/// out, which only [`adopt_views`] finds out, too late to make it large again. Pipelines of second views, which Bevy is
+/// about to drop, are kept.
 pub(super) fn ready_lights(
     extracted: Res<ExtractedShadows>,
     target: Res<ShadowTarget>,

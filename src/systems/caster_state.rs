@@ -363,8 +363,8 @@ impl Found {
         let is_same = *it.record == state;
         self.has_receiver |= !is_same;
         // Whatever does not count while it is there, what comes and what goes does.
-        let is_no_caster = it.record.caster().is_none() || state.caster().is_none();
-        if is_restless || !is_same && (is_no_caster || updates != ShadowUpdates::Never) {
+        let comes_or_goes = || it.record.caster().is_none() || state.caster().is_none();
+        if is_restless || !is_same && (updates != ShadowUpdates::Never || comes_or_goes()) {
             let moves = is_restless || it.record.differs_by_place(&state);
             let is_over_maps = moves && it.can_move(&state);
             if is_over_maps {

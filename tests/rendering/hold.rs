@@ -449,24 +449,24 @@ fn what_moves_is_drawn_over_what_rests() {
     assert_eq!(later.last(), Some(&[0, 0]));
 }
 
-#[test]
-fn a_mask_that_changes_is_drawn_anew() {
-    let (mut stage, _) = stage(shadows());
-    let caster = blocks(&mut stage)[0];
+/// A material with a mask, and that.
+fn masked(stage: &mut Stage) -> (MeshMaterial3d<StandardMaterial>, Handle<Image>) {
     let mask = stage.checkered_mask();
-    let masked = StandardMaterial {
+    let material = StandardMaterial {
         base_color_texture: Some(mask.clone()),
         alpha_mode: AlphaMode::Mask(0.5),
         ..default()
     };
-    let masked = stage
-        .world()
-        .resource_mut::<Assets<StandardMaterial>>()
-        .add(masked);
-    stage
-        .world()
-        .entity_mut(caster)
-        .insert(MeshMaterial3d(masked));
+    let mut materials = stage.world().resource_mut::<Assets<StandardMaterial>>();
+    (MeshMaterial3d(materials.add(material)), mask)
+}
+
+#[test]
+fn a_mask_that_changes_is_drawn_anew() {
+    let (mut stage, _) = stage(shadows());
+    let caster = blocks(&mut stage)[0];
+    let (masked, mask) = masked(&mut stage);
+    stage.world().entity_mut(caster).insert(masked);
     stage.headless.settle();
     for _ in 0..4 {
         stage.step();
@@ -493,16 +493,9 @@ fn a_mask_that_changes_is_drawn_anew() {
 fn what_changes_and_casts_no_shadow_has_nothing_drawn() {
     let (mut stage, _) = stage(shadows());
     let panel = blocks(&mut stage)[0];
-    let mask = stage.checkered_mask();
-    let material = StandardMaterial {
-        base_color_texture: Some(mask.clone()),
-        alpha_mode: AlphaMode::Mask(0.5),
-        ..default()
-    };
-    let mut materials = stage.world().resource_mut::<Assets<StandardMaterial>>();
-    let material = materials.add(material);
+    let (masked, mask) = masked(&mut stage);
     let mut panel = stage.world().entity_mut(panel);
-    panel.insert((MeshMaterial3d(material), NotShadowCaster));
+    panel.insert((masked, NotShadowCaster));
     stage.headless.settle();
     for _ in 0..4 {
         stage.step();
@@ -519,19 +512,12 @@ fn what_changes_and_casts_no_shadow_has_nothing_drawn() {
 fn edits(updates: ShadowUpdates, edit: impl Fn(&mut World, Entity)) -> Vec<[usize; 2]> {
     let (mut stage, _) = stage(shadows());
     let caster = blocks(&mut stage)[0];
-    let mask = stage.checkered_mask();
-    let material = StandardMaterial {
-        base_color_texture: Some(mask.clone()),
-        alpha_mode: AlphaMode::Mask(0.5),
-        ..default()
-    };
+    let (masked, _) = masked(&mut stage);
     let world = stage.world();
-    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-    let material = materials.add(material);
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
     let mesh = meshes.add(Cuboid::from_length(1.5));
     let mut caster_mut = world.entity_mut(caster);
-    caster_mut.insert((MeshMaterial3d(material), Mesh3d(mesh), updates));
+    caster_mut.insert((masked, Mesh3d(mesh), updates));
     stage.headless.settle();
     for _ in 0..100 {
         stage.step();

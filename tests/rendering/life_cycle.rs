@@ -270,9 +270,8 @@ fn occlusion_culling_loses_no_casters() {
     assert_identical("occlusion_culling_taken_over", &stage.picture(), &without);
 }
 
-/// Where the GPU has no compute shaders, as in browsers, Bevy's CPU lays out what is drawn.
-#[test]
-fn without_preprocessing_on_the_gpu() {
+/// Bevy's shadows, the plugin's and none.
+fn pictures() -> [RgbaImage; 3] {
     let mut stage = Stage::new();
     let sun = stage.sun();
     let built_in = stage.picture();
@@ -281,8 +280,13 @@ fn without_preprocessing_on_the_gpu() {
     if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
         light.shadow_maps_enabled = false;
     }
-    let unshadowed = stage.picture();
-    drop(stage);
+    [built_in, with, stage.picture()]
+}
+
+/// Where the GPU has no compute shaders, as in browsers, Bevy's CPU lays out what is drawn.
+#[test]
+fn without_preprocessing_on_the_gpu() {
+    let [built_in, with, unshadowed] = pictures();
     let gpu = WgpuSettings {
         priority: WgpuSettingsPriority::WebGL2,
         limits: WgpuLimits::downlevel_webgl2_defaults(),
@@ -308,15 +312,7 @@ fn without_depth_clip_control() {
         disabled_features: Some(WgpuFeatures::DEPTH_CLIP_CONTROL),
         ..default()
     };
-    let mut stage = Stage::new();
-    let sun = stage.sun();
-    stage.world().entity_mut(sun).insert(shadows());
-    let with = stage.picture();
-    if let Some(mut light) = stage.world().get_mut::<DirectionalLight>(sun) {
-        light.shadow_maps_enabled = false;
-    }
-    let unshadowed = stage.picture();
-    drop(stage);
+    let [_, with, unshadowed] = pictures();
     let mut stage = Stage::with_app(gpu(), |_| {});
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(shadows());
