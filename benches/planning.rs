@@ -197,6 +197,8 @@ fn frames(criterion: &mut Criterion) {
             ("built-in", wide_app(count, views, ()), bevys),
         ];
         for (name, mut app, mut schedule) in apps {
+            let mut advancing = Schedule::default();
+            advancing.add_systems(advance);
             for (moving, moves) in [
                 ("nothing", Moves::Nothing),
                 ("the camera", Moves::Camera),
@@ -211,7 +213,8 @@ fn frames(criterion: &mut Criterion) {
                         bencher.iter_custom(|times| {
                             let mut spent = Duration::ZERO;
                             for frame in 0..times {
-                                advance(world, moves, frame);
+                                world.insert_resource(Motion { moves, frame });
+                                advancing.run(world);
                                 let start = Instant::now();
                                 schedule.run(world);
                                 spent += start.elapsed();
@@ -229,26 +232,34 @@ fn frames(criterion: &mut Criterion) {
 #[derive(Component)]
 struct Base(GlobalTransform);
 
-fn advance(world: &mut World, moves: Moves, frame: u64) {
-    let turn = Quat::from_rotation_y(0.01);
+/// What moves in the next frame.
+#[derive(Resource)]
+struct Motion {
+    moves: Moves,
+    frame: u64,
+}
+
+/// On Bevy's threads, as transforms are propagated: so what systems find in their caches is what they do in a game.
+fn advance(
+    motion: Res<Motion>,
+    mut cameras: Query<(&mut GlobalTransform, &Base)>,
+    mut meshes: Query<&mut GlobalTransform, (With<Mesh3d>, Without<Base>)>,
+) {
     // To and fro: what cameras see is not worked out anew.
-    let swing = match moves {
-        Moves::Camera => 0.01 * ((frame % 20) as f32 - 10.0).abs(),
+    let swing = match motion.moves {
+        Moves::Camera => 0.01 * ((motion.frame % 20) as f32 - 10.0).abs(),
         _ => 0.0,
     };
     let swing = Transform::from_rotation(Quat::from_rotation_y(swing));
-    let mut cameras = world.query::<(&mut GlobalTransform, &Base)>();
-    for (mut at, base) in cameras.iter_mut(world) {
+    for (mut at, base) in &mut cameras {
         at.set_if_neq(base.0.mul_transform(swing));
     }
-    let step = match moves {
-        Moves::All => 1,
-        Moves::Some => 100,
-        Moves::Nothing | Moves::Camera => return,
-    };
-    let mut meshes = world.query_filtered::<&mut GlobalTransform, With<Mesh3d>>();
-    for mut at in meshes.iter_mut(world).step_by(step) {
-        *at = at.mul_transform(Transform::from_rotation(turn));
+    let turn = Transform::from_rotation(Quat::from_rotation_y(0.01));
+    let turn = |mut at: Mut<GlobalTransform>| *at = at.mul_transform(turn);
+    match motion.moves {
+        Moves::Nothing | Moves::Camera => {}
+        Moves::Some => meshes.iter_mut().step_by(100).for_each(turn),
+        Moves::All => meshes.par_iter_mut().for_each(turn),
     }
 }
 

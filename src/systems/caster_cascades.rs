@@ -26,6 +26,10 @@ impl CascadeSet {
         Self(cascades.fold(0, |set, index| set | (1 << index)))
     }
 
+    pub(super) fn insert(&mut self, cascade: usize) {
+        self.0 |= 1 << cascade;
+    }
+
     pub(super) fn and(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }

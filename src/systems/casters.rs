@@ -27,7 +27,7 @@ use super::{
 };
 use crate::{
     geometry::{
-        coarse::{CoarseHull, CoarseSphere, CoarseSweep, FourSpheres},
+        coarse::{CoarseHull, CoarseSweep, FourSpheres},
         hull::{CasterHull, Sweep},
     },
     plan::{CascadeMap, CascadePlan},
@@ -97,12 +97,6 @@ impl Culling<'_> {
         among.iter().filter_map(hull).collect()
     }
 
-    /// By how much more than its radius a mesh may reach out of a sphere around its box.
-    fn growth(&self) -> f32 {
-        // Any of them may be moved.
-        if self.displaced.is_empty() { 1.0 } else { 4.0 }
-    }
-
     /// The boxes of a table's meshes, if spheres around them tell where those are not.
     fn boxes<'t>(
         &self,
@@ -125,37 +119,36 @@ impl Culling<'_> {
             rows.for_each(|row| visit(row, among));
             return;
         };
-        let (growth, end) = (self.growth(), rows.end);
-        for first in rows.step_by(4) {
-            // The last one stands for those that are missing.
-            let [a, b, c, d] = [first, first + 1, first + 2, first + 3].map(|row| row.min(end - 1));
-            let affine = |row: usize| transforms[row].affine();
-            let spheres = FourSpheres::new(
-                [&affine(a), &affine(b), &affine(c), &affine(d)],
-                [a, b, c, d].map(|row| aabbs[row].center),
-                [a, b, c, d].map(|row| aabbs[row].half_extents),
-            );
-            let spheres = spheres.scaled(growth);
-            let far = sweeps
-                .iter()
-                .fold(!0, |far, sweep| far & sweep.are_far(&spheres));
-            let near = (first..end.min(first + 4)).filter(|row| far & (1 << (row - first)) == 0);
-            for row in near {
-                let Aabb {
-                    center,
-                    half_extents,
-                } = aabbs[row];
-                let sphere = CoarseSphere::new(&affine(row), center, half_extents).scaled(growth);
-                if sweeps.iter().all(|sweep| sweep.is_far(&sphere)) {
-                    continue;
+        // Any mesh may be displaced.
+        let growth = if self.displaced.is_empty() { 1.0 } else { 4.0 };
+        let (aabbs, rest) = aabbs[rows.clone()].as_chunks::<4>();
+        let (transforms, _) = transforms[rows.clone()].as_chunks::<4>();
+        for (four, (aabbs, transforms)) in aabbs.iter().zip(transforms).enumerate() {
+            let [a, b, c, d] = transforms.each_ref().map(GlobalTransform::affine);
+            let centers = aabbs.each_ref().map(|aabb| aabb.center);
+            let half_extents = aabbs.each_ref().map(|aabb| aabb.half_extents);
+            let spheres = FourSpheres::new([&a, &b, &c, &d], centers, half_extents).scaled(growth);
+            let are_far = |far, sweep: &CoarseSweep| far & sweep.are_far(&spheres);
+            let far = sweeps.iter().fold(0b1111, are_far);
+            if far == 0b1111 {
+                continue;
+            }
+            let mut near = [CascadeSet::default(); 4];
+            for (cascade, hull) in hulls {
+                let outside = far | hull.are_outside(&spheres);
+                for (lane, near) in near.iter_mut().enumerate() {
+                    if outside & (1 << lane) == 0 {
+                        near.insert(*cascade);
+                    }
                 }
-                let near = hulls.iter().filter(|(_, hull)| !hull.is_outside(&sphere));
-                let near = CascadeSet::of(near.map(|(index, _)| *index));
+            }
+            for (lane, near) in near.into_iter().enumerate() {
                 if !near.is_empty() {
-                    visit(row, near);
+                    visit(rows.start + 4 * four + lane, near);
                 }
             }
         }
+        (rows.end - rest.len()..rows.end).for_each(|row| visit(row, among));
     }
 
     /// Those of some cascades that a caster matters to, by one of the hulls of their maps.
