@@ -30,6 +30,7 @@ use super::{
     edits::Edits,
     moving::MovingCasters,
     plan::shines,
+    sample::Sample,
 };
 use crate::plan::CasterChanges;
 
@@ -95,42 +96,6 @@ impl ChangedCasters {
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
-/// Some of the meshes that may have changed, while records are old: theirs are of the last frame, and tell whether too
-/// many still change.
-#[derive(Debug, Default)]
-struct Sample {
-    meshes: Vec<Entity>,
-    /// One of so many.
-    share: usize,
-    /// Frames for which it has told.
-    age: u32,
-}
-
-impl Sample {
-    /// Meshes of a sample.
-    const SIZE: usize = 128;
-
-    /// Frames for which it is believed: others may change by then.
-    const LIFE: u32 = 16;
-
-    /// Others in each `frame`: some may always be suspects, and never change.
-    fn new(meshes: &[Entity], frame: u64) -> Self {
-        let share = meshes.len().div_ceil(Self::SIZE).max(1);
-        let first = (frame % share as u64) as usize;
-        let meshes = meshes.iter().copied();
-        Self {
-            meshes: meshes.skip(first).step_by(share).collect(),
-            share,
-            age: 0,
-        }
-    }
-
-    /// Whether more than so many meshes change by what is found of these.
-    fn is_flood(&self, found: &Found) -> bool {
-        found.is_flood(MOST / self.share.max(1))
-    }
-}
-
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(
     mut commands: Commands,
@@ -188,9 +153,8 @@ pub fn find_changes(
         changed.late.push(entity);
     }
 
-    let is_known = !changed.sample.meshes.is_empty();
-    let mut is_flood = changed.are_records_old;
-    if changed.are_records_old && is_known {
+    let mut may_be_flood = true;
+    if changed.are_records_old && !changed.sample.is_empty() {
         let mut of_sample = Found::default();
         let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
         while let Some(it) = sample.fetch_next() {
@@ -198,13 +162,18 @@ pub fn find_changes(
                 of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
             }
         }
-        is_flood = changed.sample.is_flood(&of_sample);
-        changed.sample.age += 1;
-        if is_flood && changed.sample.age < Sample::LIFE {
+        if changed.sample.is_flood(&of_sample, MOST) {
+            if changed.sample.is_old() {
+                let tables = meshes.contiguous_iter().into_iter().flatten();
+                let tables: Vec<_> = tables.map(|table| table.entity).collect();
+                changed.sample = Sample::new(tables.into_iter(), changed.frame);
+                note(&mut meshes, &changed.sample, &surroundings, &displaced);
+            }
             lost.clear();
             changed.forget();
             return;
         }
+        may_be_flood = false;
     }
     suspects.clear();
     suspects.append(&mut changed.late);
@@ -220,14 +189,9 @@ pub fn find_changes(
     if changed.are_records_old {
         changed.forget();
         changed.sample = Sample::default();
-        if is_flood && suspects.len() > MOST {
-            changed.sample = Sample::new(&suspects, changed.frame);
-            let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
-            while let Some(it) = sample.fetch_next() {
-                if let Ok(mut it) = it {
-                    it.note(&surroundings, &displaced);
-                }
-            }
+        if may_be_flood && suspects.len() > MOST {
+            changed.sample = Sample::new([&**suspects].into_iter(), changed.frame);
+            note(&mut meshes, &changed.sample, &surroundings, &displaced);
             return;
         }
         meshes.par_iter_mut().for_each_init(
@@ -316,6 +280,21 @@ pub fn find_changes(
         Some(bounds) => CasterChanges::At(bounds),
         None => CasterChanges::Anywhere,
     };
+}
+
+/// Has the records of a sample be those of this frame.
+fn note(
+    meshes: &mut Query<ChangingCaster>,
+    sample: &Sample,
+    surroundings: &Surroundings,
+    displaced: &EntityHashSet,
+) {
+    let mut meshes = meshes.iter_many_mut(&sample.meshes);
+    while let Some(it) = meshes.fetch_next() {
+        if let Ok(mut it) = it {
+            it.note(surroundings, displaced);
+        }
+    }
 }
 
 /// Components whose loss changes a shadow.

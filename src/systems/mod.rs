@@ -16,6 +16,7 @@ mod mesh_boxes;
 mod moving;
 mod plan;
 mod publish;
+mod sample;
 mod share;
 
 pub use bounds::{BoundsMargin, DisplacedMeshes};
