@@ -106,11 +106,7 @@ pub struct CoarseHull {
 impl CoarseHull {
     /// The same in `f32`.
     pub fn new(hull: &CasterHull) -> Self {
-        let plane = |plane: &HalfSpace| {
-            let distance = plane.distance as f32;
-            let distance = distance + ROUNDING * distance.abs();
-            plane.normal.as_vec3().extend(distance)
-        };
+        let plane = |plane: &HalfSpace| plane.normal.as_vec3().extend(plane.distance as f32);
         Self {
             planes: hull.planes.iter().map(plane).collect(),
         }
@@ -121,6 +117,7 @@ impl CoarseHull {
     pub fn are_outside(&self, spheres: &FourSpheres) -> u32 {
         let FourSpheres { x, y, z, radius } = *spheres;
         let magnitude = x.abs().max(y.abs()).max(z.abs());
+        // A plane that they touch is no farther away than they reach.
         let reach = radius * (1.0 + ROUNDING) + magnitude * (4.0 * ROUNDING);
         let mut outside = 0;
         for plane in &self.planes {

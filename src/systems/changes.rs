@@ -167,7 +167,6 @@ pub fn find_changes(
                 let tables = meshes.contiguous_iter().into_iter().flatten();
                 let tables: Vec<_> = tables.map(|table| table.entity).collect();
                 changed.sample = Sample::new(tables.into_iter(), changed.frame);
-                note(&mut meshes, &changed.sample, &surroundings, &displaced);
             }
             lost.clear();
             changed.forget();
@@ -191,7 +190,6 @@ pub fn find_changes(
         changed.sample = Sample::default();
         if may_be_flood && suspects.len() > MOST {
             changed.sample = Sample::new([&**suspects].into_iter(), changed.frame);
-            note(&mut meshes, &changed.sample, &surroundings, &displaced);
             return;
         }
         meshes.par_iter_mut().for_each_init(
@@ -280,21 +278,6 @@ pub fn find_changes(
         Some(bounds) => CasterChanges::At(bounds),
         None => CasterChanges::Anywhere,
     };
-}
-
-/// Has the records of a sample be those of this frame.
-fn note(
-    meshes: &mut Query<ChangingCaster>,
-    sample: &Sample,
-    surroundings: &Surroundings,
-    displaced: &EntityHashSet,
-) {
-    let mut meshes = meshes.iter_many_mut(&sample.meshes);
-    while let Some(it) = meshes.fetch_next() {
-        if let Ok(mut it) = it {
-            it.note(surroundings, displaced);
-        }
-    }
 }
 
 /// Components whose loss changes a shadow.

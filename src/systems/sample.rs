@@ -4,7 +4,7 @@ use bevy::ecs::entity::Entity;
 
 use super::caster_state::Found;
 
-/// Some of the meshes that may have changed, while records are old: theirs are of the last frame.
+/// Some of the meshes that may have changed, while records are old: theirs alone are kept up to date.
 #[derive(Debug, Default)]
 pub(super) struct Sample {
     pub meshes: Vec<Entity>,

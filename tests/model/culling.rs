@@ -98,13 +98,15 @@ proptest! {
         beside in any_direction(),
         share in prop_oneof![4 => 0.99999..1.00001_f64, 1 => 0.0..3.0],
         radius in 0.0..2.0_f64,
+        along in prop_oneof![Just(0.0), 0.0..1e3_f64],
     ) {
         let half = DVec3::splat(10_f64.powf(size));
         let center = 10_f64.powf(origin) * towards;
         let body = ConvexBody::of_box(center - half, center + half);
         let sweep = CasterHull::new(&body, to_light, 0.0).sweep;
         let radius = radius * half.x;
-        let at = center + share * (half.length() + radius) * beside;
+        let beside = if along > 0.0 { beside.reject_from(to_light).normalize() } else { beside };
+        let at = center + share * (half.length() + radius) * beside + along * half.x * to_light;
         let is_far = |growth: f32| {
             let spheres = four_spheres(at.as_vec3a(), Vec3A::X * radius as f32 * growth);
             CoarseSweep::new(&sweep).are_far(&spheres) == 0b1111
@@ -114,7 +116,7 @@ proptest! {
         }
         // It is of use, too.
         let spare = 1e-5 * (10_f64.powf(origin) + half.x + radius);
-        if sweep.is_far(at, radius + spare) {
+        if along == 0.0 && sweep.is_far(at, radius + spare) {
             prop_assert!(is_far(1.0), "far, but not in f32");
         }
     }
