@@ -68,12 +68,18 @@ pub enum CasterRecord {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct CasterState {
-    casts: bool,
-    receives: bool,
-    has_no_auto_aabb: bool,
     transform: Affine3A,
     /// `None` if it is not culled.
     bounds: Option<(Aabb, Margin)>,
+    kind: CasterKind,
+}
+
+/// What a mesh is, wherever it is.
+#[derive(Debug, Clone, PartialEq)]
+struct CasterKind {
+    casts: bool,
+    receives: bool,
+    has_no_auto_aabb: bool,
     is_gpu_culled: bool,
     mesh: AssetId<Mesh>,
     is_skinned: bool,
@@ -89,25 +95,26 @@ impl CasterRecord {
     pub fn caster(&self) -> Option<Option<OrientedBox>> {
         match self {
             Self::Nothing => None,
-            Self::Known(state) => state.casts.then(|| {
-                let (aabb, margin) = state.bounds.as_ref().filter(|_| !state.is_gpu_culled)?;
+            Self::Known(state) => state.kind.casts.then(|| {
+                let bounds = state.bounds.as_ref();
+                let (aabb, margin) = bounds.filter(|_| !state.kind.is_gpu_culled)?;
                 Some(world_bounds(aabb, &state.transform, *margin))
             }),
         }
     }
 
+    fn casts(&self) -> bool {
+        matches!(self, Self::Known(state) if state.kind.casts)
+    }
+
     /// Whether it is the same somewhere else.
     fn differs_by_place(&self, other: &Self) -> bool {
-        let (Self::Known(one), Self::Known(other)) = (self, other) else {
-            return false;
-        };
-        one.transform != other.transform
-            && *one
-                == CasterState {
-                    transform: one.transform,
-                    bounds: one.bounds,
-                    ..other.clone()
-                }
+        match (self, other) {
+            (Self::Known(one), Self::Known(other)) => {
+                one.transform != other.transform && one.kind == other.kind
+            }
+            _ => false,
+        }
     }
 }
 
@@ -221,17 +228,19 @@ impl ChangingCasterItem<'_, '_> {
         let margin = Margin::of(self.entity, self.margin.as_deref(), displaced);
         let bounds = self.aabb.as_deref().map(|aabb| (*aabb, margin));
         CasterRecord::Known(CasterState {
-            casts: self.no_caster.is_none(),
-            receives: self.no_receiver.is_none(),
-            has_no_auto_aabb: self.no_auto_aabb.is_some(),
             transform: self.transform.affine(),
             bounds: bounds.filter(|_| self.unculled.is_none()),
-            is_gpu_culled: self.gpu_culled.is_some(),
-            mesh: self.mesh.id(),
-            is_skinned: self.skin.is_some(),
-            is_morphed: self.morph.is_some(),
-            layers: self.layers.as_deref().cloned().unwrap_or_default(),
-            ranges: surroundings.ranges(self),
+            kind: CasterKind {
+                casts: self.no_caster.is_none(),
+                receives: self.no_receiver.is_none(),
+                has_no_auto_aabb: self.no_auto_aabb.is_some(),
+                is_gpu_culled: self.gpu_culled.is_some(),
+                mesh: self.mesh.id(),
+                is_skinned: self.skin.is_some(),
+                is_morphed: self.morph.is_some(),
+                layers: self.layers.as_deref().cloned().unwrap_or_default(),
+                ranges: surroundings.ranges(self),
+            },
         })
     }
 
@@ -252,7 +261,7 @@ impl ChangingCasterItem<'_, '_> {
 
     /// Whether it can be drawn over maps of what rests.
     fn can_move(&self, state: &CasterRecord) -> bool {
-        self.gpu_culled.is_none() && state.caster().is_some()
+        self.gpu_culled.is_none() && state.casts()
     }
 
     /// Notes what it is, whatever it was, and says whether it counts as moving.
@@ -363,7 +372,7 @@ impl Found {
         let is_same = *it.record == state;
         self.has_receiver |= !is_same;
         // Whatever does not count while it is there, what comes and what goes does.
-        let comes_or_goes = || it.record.caster().is_none() || state.caster().is_none();
+        let comes_or_goes = || !(it.record.casts() && state.casts());
         if is_restless || !is_same && (updates != ShadowUpdates::Never || comes_or_goes()) {
             let moves = is_restless || it.record.differs_by_place(&state);
             let is_over_maps = moves && it.can_move(&state);

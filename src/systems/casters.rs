@@ -65,36 +65,31 @@ pub(super) struct Culling<'a> {
 }
 
 impl Culling<'_> {
-    /// What some of the cascades' maps are for, on its way to the light.
-    fn sweeps(&self, among: CascadeSet) -> Vec<Sweep> {
+    /// What tells where casters matter that are not near, by one of the hulls of some cascades' maps.
+    fn coarse(&self, among: CascadeSet, hull: fn(&CascadeMap) -> &CasterHull) -> Coarse {
         let mut sweeps: Vec<Sweep> = Vec::new();
+        let mut hulls = Vec::new();
         // The largest first, for it holds most of the others.
-        for index in (0..self.plan.len())
-            .rev()
-            .filter(|index| among.contains(*index))
-        {
+        for index in (0..self.plan.len()).rev().filter(|it| among.contains(*it)) {
             let Some(map) = &self.plan[index].map else {
                 continue;
             };
-            let sweep = map.hull.sweep;
+            let hull = hull(map);
+            hulls.push((index, CoarseHull::new(hull)));
             let both = sweeps.iter_mut().find_map(|it| {
-                *it = it.and(sweep)?;
+                *it = it.and(hull.sweep)?;
                 Some(())
             });
             if both.is_none() {
-                sweeps.push(sweep);
+                sweeps.push(hull.sweep);
             }
         }
-        sweeps
-    }
-
-    /// The hulls of some of the cascades' maps.
-    fn hulls(&self, among: CascadeSet) -> Vec<(usize, CoarseHull)> {
-        let hull = |index: usize| {
-            let map = self.plan[index].map.as_ref()?;
-            Some((index, CoarseHull::new(&map.hull)))
-        };
-        among.iter().filter_map(hull).collect()
+        Coarse {
+            sweeps: sweeps.iter().map(CoarseSweep::new).collect(),
+            hulls,
+            // Any mesh may be displaced.
+            growth: if self.displaced.is_empty() { 1.0 } else { 4.0 },
+        }
     }
 
     /// The boxes of a table's meshes, if spheres around them tell where those are not.
@@ -106,42 +101,29 @@ impl Culling<'_> {
         Some((table.aabb?, table.transform?)).filter(|_| is_culled)
     }
 
+    /// The same of one caster.
+    fn place<'t>(&self, caster: &CasterItem<'t, '_>) -> Option<(&'t Aabb, &'t GlobalTransform)> {
+        let is_culled = self.is_on && !caster.is_unculled && caster.margin.is_none();
+        Some((caster.aabb?, caster.transform?)).filter(|_| is_culled)
+    }
+
     /// Visits the rows whose casters, by their places, may matter to some of the cascades.
     fn visit_near(
         &self,
         table: &CasterContiguousItem,
         rows: Range<usize>,
         among: CascadeSet,
-        (sweeps, hulls): (&[CoarseSweep], &[(usize, CoarseHull)]),
+        coarse: &Coarse,
         mut visit: impl FnMut(usize, CascadeSet),
     ) {
         let Some((aabbs, transforms)) = self.boxes(table) else {
             rows.for_each(|row| visit(row, among));
             return;
         };
-        // Any mesh may be displaced.
-        let growth = if self.displaced.is_empty() { 1.0 } else { 4.0 };
         let (aabbs, rest) = aabbs[rows.clone()].as_chunks::<4>();
         let (transforms, _) = transforms[rows.clone()].as_chunks::<4>();
         for (four, (aabbs, transforms)) in aabbs.iter().zip(transforms).enumerate() {
-            let [a, b, c, d] = transforms.each_ref().map(GlobalTransform::affine);
-            let centers = aabbs.each_ref().map(|aabb| aabb.center);
-            let half_extents = aabbs.each_ref().map(|aabb| aabb.half_extents);
-            let spheres = FourSpheres::new([&a, &b, &c, &d], centers, half_extents).scaled(growth);
-            let are_far = |far, sweep: &CoarseSweep| far & sweep.are_far(&spheres);
-            let far = sweeps.iter().fold(0b1111, are_far);
-            if far == 0b1111 {
-                continue;
-            }
-            let mut near = [CascadeSet::default(); 4];
-            for (cascade, hull) in hulls {
-                let outside = far | hull.are_outside(&spheres);
-                for (lane, near) in near.iter_mut().enumerate() {
-                    if outside & (1 << lane) == 0 {
-                        near.insert(*cascade);
-                    }
-                }
-            }
+            let near = coarse.near(aabbs.each_ref(), transforms.each_ref());
             for (lane, near) in near.into_iter().enumerate() {
                 if !near.is_empty() {
                     visit(rows.start + 4 * four + lane, near);
@@ -186,6 +168,40 @@ impl Culling<'_> {
     }
 }
 
+/// The sweeps and hulls of some cascades' maps.
+struct Coarse {
+    sweeps: Vec<CoarseSweep>,
+    hulls: Vec<(usize, CoarseHull)>,
+    /// By how much more than its radius a mesh may reach out of a sphere around its box.
+    growth: f32,
+}
+
+impl Coarse {
+    /// For each of four casters the cascades that it may matter to, by its place.
+    fn near(&self, aabbs: [&Aabb; 4], transforms: [&GlobalTransform; 4]) -> [CascadeSet; 4] {
+        let mut near = [CascadeSet::default(); 4];
+        let [a, b, c, d] = transforms.map(GlobalTransform::affine);
+        let centers = aabbs.map(|aabb| aabb.center);
+        let half_extents = aabbs.map(|aabb| aabb.half_extents);
+        let spheres = FourSpheres::new([&a, &b, &c, &d], centers, half_extents);
+        let spheres = spheres.scaled(self.growth);
+        let are_far = |far, sweep: &CoarseSweep| far & sweep.are_far(&spheres);
+        let far = self.sweeps.iter().fold(0b1111, are_far);
+        if far == 0b1111 {
+            return near;
+        }
+        for (cascade, hull) in &self.hulls {
+            let outside = far | hull.are_outside(&spheres);
+            for (lane, near) in near.iter_mut().enumerate() {
+                if outside & (1 << lane) == 0 {
+                    near.insert(*cascade);
+                }
+            }
+        }
+        near
+    }
+}
+
 /// Whether a place is one: what has none is in no map.
 pub(super) fn is_somewhere(transform: &GlobalTransform) -> bool {
     transform.affine().is_finite()
@@ -208,9 +224,7 @@ pub(super) fn cull(
         // Never with components as Bevy stores them.
         return casters.iter().filter_map(|it| found(&it, among)).collect();
     };
-    let sweeps = culling.sweeps(among);
-    let coarse: Vec<_> = sweeps.iter().map(CoarseSweep::new).collect();
-    let hulls = culling.hulls(among);
+    let coarse = culling.coarse(among, |map| &map.hull);
     let tables: Vec<_> = tables.collect();
     // Many a table has few rows.
     let (mut batches, mut batch, mut rows) = (Vec::new(), Vec::new(), 0);
@@ -229,7 +243,7 @@ pub(super) fn cull(
     let pool = ComputeTaskPool::get_or_init(TaskPool::default);
     let all = pool.scope(|scope| {
         for batch in batches {
-            let (found, coarse) = (&found, (&*coarse, &*hulls));
+            let (found, coarse) = (&found, &coarse);
             scope.spawn(async move {
                 let mut all = Vec::new();
                 for (table, rows) in batch {
@@ -242,6 +256,39 @@ pub(super) fn cull(
         }
     });
     all.concat()
+}
+
+/// Of some casters, those that matter to what is seen now in maps of some cascades, and those.
+pub(super) fn cull_some(
+    casters: &Query<Caster, IsCaster>,
+    some: impl Iterator<Item = Entity>,
+    culling: &Culling,
+    among: CascadeSet,
+) -> Vec<(Entity, CascadeSet)> {
+    let casters: Vec<CasterItem> = casters.iter_many(some).flatten().collect();
+    let mut found = Vec::new();
+    if casters.is_empty() {
+        return found;
+    }
+    let coarse = culling.coarse(among, |map| &map.hull_now);
+    for four in casters.chunks(4) {
+        // One stands for those that are missing.
+        let lanes = [0, 1, 2, 3].map(|lane| four.get(lane).unwrap_or(&four[0]));
+        let [a, b, c, d] = lanes.map(|caster| culling.place(caster));
+        let near = match (a, b, c, d) {
+            (Some(a), Some(b), Some(c), Some(d)) => {
+                coarse.near([a, b, c, d].map(|it| it.0), [a, b, c, d].map(|it| it.1))
+            }
+            _ => [among; 4],
+        };
+        for (caster, near) in four.iter().zip(near).filter(|(_, near)| !near.is_empty()) {
+            let cascades = culling.cascades(caster, near, |map| &map.hull_now);
+            if !cascades.is_empty() {
+                found.push((caster.entity, cascades));
+            }
+        }
+    }
+    found
 }
 
 impl CasterContiguousItem<'_, '_> {

@@ -23,7 +23,7 @@ use super::{
     SharedViews,
     bounds::DisplacedMeshes,
     caster_cascades::cascades_of,
-    casters::{Caster, Culling, IsCaster, cull, is_somewhere, maps_where},
+    casters::{Caster, Culling, IsCaster, cull, cull_some, is_somewhere, maps_where},
     moving::MovingCasters,
     publish::{
         PublishedCascades, PublishedCascadesItem, empty_cascade, publish_alike, published_cascade,
@@ -200,12 +200,7 @@ pub fn cull_casters(
             if is_split {
                 let over = of_views.entry(*view).or_default();
                 over.clear();
-                let movable = casters.p0();
-                over.extend(moving.iter().filter_map(|caster| {
-                    let caster = movable.get(caster).ok()?;
-                    let cascades = culling.cascades(&caster, mapped, |map| &map.hull_now);
-                    (!cascades.is_empty()).then_some((caster.entity, cascades))
-                }));
+                over.extend(cull_some(&casters.p0(), moving.iter(), &culling, mapped));
                 let mut visibilities = casters.p1();
                 for (caster, _) in over.iter() {
                     if let Ok((_, mut visibility, _)) = visibilities.get_mut(*caster) {
