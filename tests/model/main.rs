@@ -8,6 +8,7 @@ mod warnings;
 mod aliasing;
 mod bias;
 mod body;
+mod casters;
 mod culling;
 mod faces;
 mod fitted;
