@@ -10,7 +10,7 @@ use super::{
 /// What a few roundings to `f32` come to at most, as a share.
 const ROUNDING: f32 = 1e-6;
 
-/// Four spheres around boxes, about the origins of their meshes: larger than need be, and soon worked out.
+/// Four spheres around boxes as they stand in the world: larger than need be, and soon worked out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FourSpheres {
     x: Vec4,
@@ -20,32 +20,31 @@ pub struct FourSpheres {
 }
 
 impl FourSpheres {
-    /// Around boxes given by their centers and half their extents, as they stand in the world.
+    /// Around boxes given by their centers and half their extents.
     #[inline]
     pub fn new(
         world_from_local: [&Affine3A; 4],
         centers: [Vec3A; 4],
         half_extents: [Vec3A; 4],
     ) -> Self {
-        let [a, b, c, d] = world_from_local;
-        let [x, y, z] = lanes([a.translation, b.translation, c.translation, d.translation]);
-        let stretch_2 = |affine: &Affine3A| {
+        const LANES: [usize; 4] = [0, 1, 2, 3];
+        let [x, y, z] =
+            lanes(LANES.map(|lane| world_from_local[lane].transform_point3a(centers[lane])));
+        let stretch_2 = sum(world_from_local.map(|affine| {
             let axes = &affine.matrix3;
             axes.x_axis * axes.x_axis + axes.y_axis * axes.y_axis + axes.z_axis * axes.z_axis
-        };
-        // No vector is made longer by a matrix than by the root of the sum of its squares.
-        let stretch_2 = sum([stretch_2(a), stretch_2(b), stretch_2(c), stretch_2(d)]);
-        // A sum's square is at most twice the sum of squares.
-        let reach_2 = |row: usize| {
-            let (center, half) = (centers[row], half_extents[row]);
-            2.0 * (center * center + half * half)
-        };
-        let reach_2 = sum([reach_2(0), reach_2(1), reach_2(2), reach_2(3)]);
+        }));
+        // With what rounding makes of a center that is far from its mesh's origin.
+        let half_2 = sum(LANES.map(|lane| {
+            let (center, half) = (centers[lane], half_extents[lane]);
+            half * half + ROUNDING * (center * center)
+        }));
         Self {
             x,
             y,
             z,
-            radius: (stretch_2 * reach_2).sqrt(),
+            // No vector is made longer by a matrix than by the root of the sum of its squares.
+            radius: (stretch_2 * half_2).sqrt() * (1.0 + ROUNDING),
         }
     }
 
@@ -92,7 +91,8 @@ impl CoarseSweep {
         let reach = spheres.radius * (1.0 + ROUNDING) + self.radius;
         let distance_2 = x * x + y * y + z * z;
         let beside_2 = distance_2 * (1.0 - 4.0 * ROUNDING) - along * along;
-        beside_2.cmpgt(reach * reach).bitmask()
+        let is_far = beside_2.cmpgt(reach * reach) & distance_2.cmplt(Vec4::INFINITY);
+        is_far.bitmask()
     }
 }
 

@@ -65,7 +65,7 @@ pub(super) struct Culling<'a> {
 }
 
 impl Culling<'_> {
-    /// What tells where casters matter that are not near, by one of the hulls of some cascades' maps.
+    /// Quick tests of where casters cannot matter, by one of the hulls of some cascades' maps.
     fn coarse(&self, among: CascadeSet, hull: fn(&CascadeMap) -> &CasterHull) -> Coarse {
         let mut sweeps: Vec<Sweep> = Vec::new();
         let mut hulls = Vec::new();
@@ -87,7 +87,7 @@ impl Culling<'_> {
         Coarse {
             sweeps: sweeps.iter().map(CoarseSweep::new).collect(),
             hulls,
-            // Any mesh may be displaced.
+            // Any mesh may be displaced, by its longest side: along each axis, which is 1 + √3 times its radius at most.
             growth: if self.displaced.is_empty() { 1.0 } else { 4.0 },
         }
     }
@@ -101,8 +101,8 @@ impl Culling<'_> {
         Some((table.aabb?, table.transform?)).filter(|_| is_culled)
     }
 
-    /// The same of one caster.
-    fn place<'t>(&self, caster: &CasterItem<'t, '_>) -> Option<(&'t Aabb, &'t GlobalTransform)> {
+    /// The box of one caster, likewise.
+    fn box_of<'t>(&self, caster: &CasterItem<'t, '_>) -> Option<(&'t Aabb, &'t GlobalTransform)> {
         let is_culled = self.is_on && !caster.is_unculled && caster.margin.is_none();
         Some((caster.aabb?, caster.transform?)).filter(|_| is_culled)
     }
@@ -120,17 +120,20 @@ impl Culling<'_> {
             rows.for_each(|row| visit(row, among));
             return;
         };
-        let (aabbs, rest) = aabbs[rows.clone()].as_chunks::<4>();
-        let (transforms, _) = transforms[rows.clone()].as_chunks::<4>();
-        for (four, (aabbs, transforms)) in aabbs.iter().zip(transforms).enumerate() {
-            let near = coarse.near(aabbs.each_ref(), transforms.each_ref());
-            for (lane, near) in near.into_iter().enumerate() {
+        let aabbs = aabbs[rows.clone()].chunks(4);
+        let transforms = transforms[rows.clone()].chunks(4);
+        for (four, (aabbs, transforms)) in aabbs.zip(transforms).enumerate() {
+            let lanes = [0, 1, 2, 3].map(|lane| lane.min(aabbs.len() - 1));
+            let near = coarse.near(
+                lanes.map(|lane| &aabbs[lane]),
+                lanes.map(|lane| &transforms[lane]),
+            );
+            for (lane, near) in near.into_iter().enumerate().take(aabbs.len()) {
                 if !near.is_empty() {
                     visit(rows.start + 4 * four + lane, near);
                 }
             }
         }
-        (rows.end - rest.len()..rows.end).for_each(|row| visit(row, among));
     }
 
     /// Those of some cascades that a caster matters to, by one of the hulls of their maps.
@@ -172,7 +175,7 @@ impl Culling<'_> {
 struct Coarse {
     sweeps: Vec<CoarseSweep>,
     hulls: Vec<(usize, CoarseHull)>,
-    /// By how much more than its radius a mesh may reach out of a sphere around its box.
+    /// How many times as far a mesh may reach as the sphere around its box.
     growth: f32,
 }
 
@@ -265,27 +268,29 @@ pub(super) fn cull_some(
     culling: &Culling,
     among: CascadeSet,
 ) -> Vec<(Entity, CascadeSet)> {
-    let casters: Vec<CasterItem> = casters.iter_many(some).flatten().collect();
     let mut found = Vec::new();
-    if casters.is_empty() {
+    let mut visit = |caster: &CasterItem, near: CascadeSet| {
+        let cascades = culling.cascades(caster, near, |map| &map.hull_now);
+        if !cascades.is_empty() {
+            found.push((caster.entity, cascades));
+        }
+    };
+    let mut boxed = Vec::new();
+    for caster in casters.iter_many(some).flatten() {
+        match culling.box_of(&caster) {
+            Some(its_box) => boxed.push((caster, its_box)),
+            None => visit(&caster, among),
+        }
+    }
+    if boxed.is_empty() {
         return found;
     }
     let coarse = culling.coarse(among, |map| &map.hull_now);
-    for four in casters.chunks(4) {
-        // One stands for those that are missing.
-        let lanes = [0, 1, 2, 3].map(|lane| four.get(lane).unwrap_or(&four[0]));
-        let [a, b, c, d] = lanes.map(|caster| culling.place(caster));
-        let near = match (a, b, c, d) {
-            (Some(a), Some(b), Some(c), Some(d)) => {
-                coarse.near([a, b, c, d].map(|it| it.0), [a, b, c, d].map(|it| it.1))
-            }
-            _ => [among; 4],
-        };
-        for (caster, near) in four.iter().zip(near).filter(|(_, near)| !near.is_empty()) {
-            let cascades = culling.cascades(caster, near, |map| &map.hull_now);
-            if !cascades.is_empty() {
-                found.push((caster.entity, cascades));
-            }
+    for four in boxed.chunks(4) {
+        let lanes = [0, 1, 2, 3].map(|lane| four[lane.min(four.len() - 1)].1);
+        let near = coarse.near(lanes.map(|it| it.0), lanes.map(|it| it.1));
+        for ((caster, _), near) in four.iter().zip(near).filter(|(_, near)| !near.is_empty()) {
+            visit(caster, near);
         }
     }
     found

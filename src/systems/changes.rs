@@ -153,7 +153,7 @@ pub fn find_changes(
         changed.late.push(entity);
     }
 
-    let mut may_be_flood = true;
+    let mut is_flood = changed.are_records_old;
     if changed.are_records_old && !changed.sample.is_empty() {
         let mut of_sample = Found::default();
         let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
@@ -162,17 +162,12 @@ pub fn find_changes(
                 of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
             }
         }
-        if changed.sample.is_flood(&of_sample, MOST) {
-            if changed.sample.is_old() {
-                let tables = meshes.contiguous_iter().into_iter().flatten();
-                let tables: Vec<_> = tables.map(|table| table.entity).collect();
-                changed.sample = Sample::new(tables.into_iter(), changed.frame);
-            }
+        is_flood = changed.sample.is_flood(&of_sample, MOST);
+        if is_flood && changed.sample.is_believed() {
             lost.clear();
             changed.forget();
             return;
         }
-        may_be_flood = false;
     }
     suspects.clear();
     suspects.append(&mut changed.late);
@@ -188,8 +183,14 @@ pub fn find_changes(
     if changed.are_records_old {
         changed.forget();
         changed.sample = Sample::default();
-        if may_be_flood && suspects.len() > MOST {
-            changed.sample = Sample::new([&**suspects].into_iter(), changed.frame);
+        if is_flood && suspects.len() > MOST {
+            changed.sample = Sample::new(&suspects, changed.frame);
+            let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
+            while let Some(it) = sample.fetch_next() {
+                if let Ok(mut it) = it {
+                    it.note(&surroundings, &displaced);
+                }
+            }
             return;
         }
         meshes.par_iter_mut().for_each_init(

@@ -4,7 +4,7 @@ use bevy::ecs::entity::Entity;
 
 use super::caster_state::Found;
 
-/// Some of the meshes that may have changed, while records are old: theirs alone are kept up to date.
+/// Some of the meshes that may have changed, while records are old: theirs are of the last frame.
 #[derive(Debug, Default)]
 pub(super) struct Sample {
     pub meshes: Vec<Entity>,
@@ -22,17 +22,12 @@ impl Sample {
     const LIFE: u32 = 16;
 
     /// Others in each `frame`: some may always be suspects, and never change.
-    pub fn new<'a>(meshes: impl Iterator<Item = &'a [Entity]> + Clone, frame: u64) -> Self {
-        let count: usize = meshes.clone().map(<[Entity]>::len).sum();
-        let share = count.div_ceil(Self::SIZE).max(1);
+    pub fn new(suspects: &[Entity], frame: u64) -> Self {
+        let share = suspects.len().div_ceil(Self::SIZE).max(1);
         let first = (frame % share as u64) as usize;
+        let suspects = suspects.iter().copied();
         Self {
-            meshes: meshes
-                .flatten()
-                .skip(first)
-                .step_by(share)
-                .copied()
-                .collect(),
+            meshes: suspects.skip(first).step_by(share).collect(),
             share,
             age: 0,
         }
@@ -42,14 +37,14 @@ impl Sample {
         self.meshes.is_empty()
     }
 
-    /// Whether more than so many meshes change by what is found of these.
+    /// Whether more than so many meshes change by what is found of these, once more.
     pub fn is_flood(&mut self, found: &Found, most: usize) -> bool {
         self.age += 1;
         found.is_flood(most / self.share.max(1))
     }
 
-    /// Whether others are to tell from now on.
-    pub fn is_old(&self) -> bool {
-        self.age >= Self::LIFE
+    /// Whether it is not too old to tell.
+    pub fn is_believed(&self) -> bool {
+        self.age < Self::LIFE
     }
 }

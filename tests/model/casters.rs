@@ -35,7 +35,7 @@ fn any_shape() -> impl Strategy<Value = Shape> {
     let scale = prop::array::uniform3(scale).prop_map(Vec3::from_array);
     let reach = prop_oneof![
         4 => Just(Reach::Nothing),
-        1 => (0.0..60.0_f32).prop_map(Reach::Meters),
+        3 => (0.0..200.0_f32).prop_map(Reach::Meters),
         2 => Just(Reach::OwnSize),
         1 => Just(Reach::Everywhere),
     ];

@@ -1,7 +1,5 @@
 //! The caster hull: never loses what can throw a shadow into the slice.
 
-use core::f32::consts::FRAC_1_SQRT_2;
-
 use bevy::math::{Affine3A, DMat3, DVec3, Mat3A, Quat, Vec3, Vec3A};
 use bevy_pssm::geometry::{
     body::ConvexBody,
@@ -128,8 +126,7 @@ fn four_spheres(translation: Vec3A, stick: Vec3A) -> FourSpheres {
         matrix3: Mat3A::from_cols(stick, Vec3A::ZERO, Vec3A::ZERO),
         translation,
     };
-    let half = Vec3A::X * FRAC_1_SQRT_2;
-    FourSpheres::new([&world_from_local; 4], [Vec3A::ZERO; 4], [half; 4])
+    FourSpheres::new([&world_from_local; 4], [Vec3A::ZERO; 4], [Vec3A::X; 4])
 }
 
 #[test]
@@ -149,9 +146,27 @@ fn what_is_no_number_is_far_from_nothing_in_f32() {
         are_far
     };
     assert_eq!(test(&hull, [Vec3A::ONE; 4]), 0b1001);
+    // Lengths that have no square in `f32`.
+    let sun = CasterHull::new(&body, DVec3::X, 0.0).sweep;
+    let [beside, reach] = [Vec3A::new(1.84e19, 3e18, 0.0), Vec3A::Y * 4e18];
+    assert_eq!(
+        CoarseSweep::new(&sun).are_far(&four_spheres(beside, reach)),
+        0
+    );
     let endless = [Vec3A::NAN, Vec3A::ONE, Vec3A::ONE, Vec3A::INFINITY];
     assert_eq!(test(&hull, endless), 0);
     assert_eq!(test(&CasterHull::default(), [Vec3A::ONE; 4]), 0);
+}
+
+/// As in scenes whose transforms have been applied to their vertices.
+#[test]
+fn boxes_far_from_their_meshes_origins_are_told_apart_in_f32() {
+    let body = ConvexBody::of_box(-DVec3::ONE, DVec3::ONE);
+    let hull = CasterHull::new(&body, DVec3::Y, 0.0);
+    let centers = [0.0, 5.0, -1000.0, 1.0].map(|x| Vec3A::X * x);
+    let spheres = FourSpheres::new([&Affine3A::IDENTITY; 4], centers, [Vec3A::ONE; 4]);
+    assert_eq!(CoarseSweep::new(&hull.sweep).are_far(&spheres), 0b0110);
+    assert_eq!(CoarseHull::new(&hull).are_outside(&spheres), 0b0110);
 }
 
 proptest! {
@@ -167,19 +182,22 @@ proptest! {
         scale in -2.0..4.0_f32,
         axes in prop::array::uniform9(-2.0_f32..2.0),
         local in prop::array::uniform3(-1.0_f32..1.0),
+        apart in 0.0..3.0_f32,
         extents in prop::array::uniform3(0.0_f32..1.0),
     ) {
         let half = DVec3::splat(10_f64.powf(size));
         let center = 10_f64.powf(origin) * towards;
         let body = ConvexBody::of_box(center - half, center + half);
         let hull = CasterHull::new(&body, to_light, 0.0);
-        let (local, extents) = (Vec3A::from_array(local), Vec3A::from_array(extents));
+        // As in scenes whose transforms have been applied to their vertices.
+        let local = 10_f32.powf(apart) * Vec3A::from_array(local);
+        let extents = Vec3A::from_array(extents);
         let axes = 10_f32.powf(scale) * Mat3A::from_cols_array(&axes);
-        let reach = f64::from((axes.abs() * (local.abs() + extents)).length());
+        let reach = f64::from((axes.abs() * extents).length());
         let at = center + share * (half.length() + reach) * beside;
         let world_from_local = Affine3A {
             matrix3: axes,
-            translation: at.as_vec3a(),
+            translation: at.as_vec3a() - axes * local,
         };
         let axes = DMat3::from_cols(axes.x_axis.as_dvec3(), axes.y_axis.as_dvec3(), axes.z_axis.as_dvec3());
         let bounds = OrientedBox {
