@@ -227,6 +227,7 @@ proptest! {
         size in -2.0..3.0_f64,
         length in -2.0..7.0_f64,
         apart in -1e-6..1e-6_f64,
+        local in prop_oneof![Just(0.0), 0.0..1e3_f32],
     ) {
         let half = DVec3::splat(10_f64.powf(size));
         let center = 10_f64.powf(origin) * towards;
@@ -239,16 +240,17 @@ proptest! {
             let stick = (plane.normal * length).as_vec3a();
             let world_from_local = Affine3A {
                 matrix3: Mat3A::from_cols(stick, Vec3A::ZERO, Vec3A::ZERO),
-                translation: at.as_vec3a(),
+                translation: at.as_vec3a() - stick * local,
             };
             let bounds = OrientedBox {
-                center: world_from_local.translation.as_dvec3(),
+                center: world_from_local.translation.as_dvec3() + stick.as_dvec3() * f64::from(local),
                 half_axes: DMat3::from_cols(stick.as_dvec3(), DVec3::ZERO, DVec3::ZERO),
             };
             if !hull.intersects_box(&bounds) {
                 continue;
             }
-            let spheres = four_spheres(world_from_local.translation, stick);
+            let center = Vec3A::X * local;
+            let spheres = FourSpheres::new([&world_from_local; 4], [center; 4], [Vec3A::X; 4]);
             prop_assert_eq!(CoarseHull::new(&hull).are_outside(&spheres), 0, "outside of a plane in f32 only");
             prop_assert_eq!(CoarseSweep::new(&hull.sweep).are_far(&spheres), 0, "far in f32 only");
         }
