@@ -87,7 +87,8 @@ impl Culling<'_> {
         Coarse {
             sweeps: sweeps.iter().map(CoarseSweep::new).collect(),
             hulls,
-            // Any mesh may be displaced, by its longest side: along each axis, which is 1 + √3 times its radius at most.
+            // Any mesh may be displaced: by half of its longest side along each axis, so that it reaches 1 + √3 times as far
+            // as the sphere at most.
             growth: if self.displaced.is_empty() { 1.0 } else { 4.0 },
         }
     }

@@ -162,7 +162,7 @@ pub fn find_changes(
                 of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
             }
         }
-        is_flood = changed.sample.is_flood(&of_sample, MOST);
+        is_flood = changed.sample.tell_flood(&of_sample, MOST);
         if is_flood && changed.sample.is_believed() {
             lost.clear();
             changed.forget();

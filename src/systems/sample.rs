@@ -37,8 +37,8 @@ impl Sample {
         self.meshes.is_empty()
     }
 
-    /// Whether more than so many meshes change by what is found of these, once more.
-    pub fn is_flood(&mut self, found: &Found, most: usize) -> bool {
+    /// Has it tell for one more frame whether more than so many meshes change, by what is found of these.
+    pub fn tell_flood(&mut self, found: &Found, most: usize) -> bool {
         self.age += 1;
         found.is_flood(most / self.share.max(1))
     }
