@@ -252,7 +252,7 @@ fn displaced_casters_are_listed_as_far_as_they_reach() {
                 .with_rotation(Quat::from_rotation_arc(Vec3::X, Vec3::ONE.normalize()))
                 .with_scale(Vec3::X),
             aabb: Aabb {
-                half_extents: Vec3A::splat(30.0),
+                half_extents: Vec3A::X * 30.0,
                 ..default()
             },
             reach: Reach::OwnSize,
