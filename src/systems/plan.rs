@@ -236,12 +236,13 @@ pub fn plan_shadows(
                     let meshes = all().flat_map(|it| it.visible.get(TypeId::of::<Mesh3d>()));
                     meshes.copied().chain(&unculled).filter(|_| is_focused)
                 };
-                let is_same = gathered.get(&it.entity).is_some_and(|last| {
+                let is_same = |last: &Gathered| {
                     let is_known = last.is_settled && parts.are_settled();
                     let is_there = last.volume == volume && last.far == far;
                     is_known && is_there && visible().eq(last.visible.iter().copied())
-                });
-                let rests = is_same && !changed.have_receivers_changed();
+                };
+                let rests = !changed.have_receivers_changed()
+                    && gathered.get(&it.entity).is_some_and(is_same);
                 if !rests {
                     let last = gathered.remove(&it.entity);
                     let mut seen = last.map_or_else(Vec::new, |last| last.visible);
