@@ -48,6 +48,9 @@ pub struct Arguments {
     /// Steadiness too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv.
     #[arg(long)]
     pub paths: bool,
+    /// Of each path's 600 frames, one in so many is looked at: fewer tell more, and take longer.
+    #[arg(long, value_name = "N", default_value_t = 120, value_parser = frames_apart)]
+    pub every: usize,
     /// What changes while the sun moves, by texel grid and step: suns.csv; and while the camera walks too: paths.csv.
     #[arg(long)]
     pub suns: bool,
@@ -64,6 +67,14 @@ pub enum Baseline {
     Bevy,
     /// Nothing.
     None,
+}
+
+fn frames_apart(text: &str) -> Result<usize, String> {
+    let frames = text
+        .parse()
+        .ok()
+        .filter(|frames| (1..=120).contains(frames));
+    frames.ok_or_else(|| format!("`{text}` is not a number of frames from 1 to 120"))
 }
 
 fn size(text: &str) -> Result<UVec2, String> {

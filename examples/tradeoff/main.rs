@@ -143,7 +143,7 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
         ),
         Baseline::None => (0, 0),
     };
-    let looked_at = paths(arguments).map(|(_, path)| path.regular_frames().len());
+    let looked_at = paths(arguments).map(|(_, path)| path.looks(arguments.every).frames.len());
     let along = own.min(FOLLOWED.len()) * looked_at.sum::<usize>();
     2 * poses + (own + stock) * (poses + motions) + tuning + along
 }
@@ -274,7 +274,7 @@ fn measure_scene(
             &stances,
             &ground,
             &followed,
-            paths,
+            (paths, arguments.every),
             progress,
         );
     }
@@ -307,12 +307,13 @@ fn follow(
     poses: &[Stance],
     ground: &dyn Fn(f32, f32) -> f32,
     settings: &[&Setting],
-    paths: impl Iterator<Item = (&'static str, Path)>,
+    (paths, every): (impl Iterator<Item = (&'static str, Path)>, usize),
     progress: &mut Progress,
 ) -> Vec<PathRow> {
     progress.say(&format!("{scene}: tracing rays along paths"));
     let tracer = studio.tracer(&poses[0]);
-    let routes = paths.map(|(name, path)| (name, studio.explore(path, &tracer, poses, ground)));
+    let routes =
+        paths.map(|(name, path)| (name, studio.explore(path, every, &tracer, poses, ground)));
     let routes: Vec<_> = routes.collect();
     let mut rows = Vec::new();
     for setting in settings {

@@ -17,6 +17,8 @@ pub struct Kept<T> {
     growths: u32,
     /// It is to have as much to spare as if it were new, and so many steps more.
     widens: Option<u32>,
+    /// Steps that it has to spare for a while: only more are too many.
+    spare: u32,
     hold: Hold,
 }
 
@@ -118,6 +120,11 @@ impl Slack {
         self.power(needed, kept, 1.0)
     }
 
+    /// How many steps make something that many times as large at most.
+    pub fn steps_within(self, times: f64) -> u32 {
+        (times.ln() / self.0.ln_1p() + ROUNDING) as u32
+    }
+
     /// The least whole power of the root of `1 + slack` that is at least as long as needed (meters).
     pub fn round_up_at_once(self, needed: f64) -> f64 {
         let finer = Self((1.0 + self.0).sqrt() - 1.0);
@@ -186,6 +193,7 @@ impl<T> Kept<T> {
             frames_too_large: 0,
             growths: 0,
             widens: None,
+            spare: 0,
             hold,
         }
     }
@@ -193,6 +201,17 @@ impl<T> Kept<T> {
     /// Has what is held become so many steps larger than it would be if it were new, unless it is that large.
     pub fn widen(&mut self, headroom: u32) {
         self.widens = Some(headroom);
+    }
+
+    /// The same, and that is not too large until it [settles](Self::settle).
+    pub fn spread(&mut self, headroom: u32) {
+        self.widen(headroom);
+        self.spare = headroom;
+    }
+
+    /// Needs no more to spare than others.
+    pub fn settle(&mut self) {
+        self.spare = 0;
     }
 
     /// Holds on in another way.
@@ -217,10 +236,9 @@ impl<T> Kept<T> {
 }
 
 impl Kept<f64> {
-    /// Whether it has become larger than it was.
-    fn has_grown(&self, before: &Self) -> bool {
-        let pair = self.value.zip(before.value);
-        pair.is_some_and(|(now, before)| now > before)
+    /// Whether it has become larger than it was, or is new.
+    pub fn has_grown(&self, before: &Self) -> bool {
+        self.value > before.value
     }
 }
 
@@ -245,7 +263,7 @@ impl<T: Copy> Kept<T> {
             let widened = widens.filter(|widened| steps < f64::from(*widened) - 0.5);
             if let Some(widened) = widened {
                 headroom = widened;
-            } else if steps <= 1.0 {
+            } else if steps <= f64::from(1 + self.spare) {
                 self.frames_too_large = 0;
                 return value;
             } else if steps <= hold.steps {

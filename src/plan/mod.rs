@@ -8,6 +8,7 @@ mod held;
 mod layout;
 mod lookup;
 mod map;
+mod place;
 mod rest;
 mod size;
 mod split;
@@ -40,6 +41,7 @@ use crate::{
 
 use held::{HeldMap, Turn};
 use layout::{KeptRange, Layout};
+use place::Placing;
 use rest::Rest;
 use sun::FollowedSun;
 use turning::Turning;
@@ -270,7 +272,7 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
         }
     }
     let due = sun::due(inputs, kept);
-    let frames: Vec<LightFrame> = volumes
+    let mut frames: Vec<LightFrame> = volumes
         .iter()
         .enumerate()
         .map(|(index, volume)| match volume {
@@ -294,30 +296,33 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
         })
         .collect();
     let sizes = size::map_sizes(&inputs_of, &layout, &volumes, &fits, kept);
+    let mut placing = Placing {
+        inputs,
+        volumes: &volumes,
+        fits: &fits,
+        sizes: &sizes,
+        frames: &mut frames,
+    };
+    let placed = placing.place_all(kept, &mut history.turning);
     let mut turn = Turn::new(kept.iter().map(|kept| kept.held.as_ref()));
-    (0..config.cascades as usize)
-        .map(|index| {
+    placed
+        .into_iter()
+        .enumerate()
+        .map(|(index, placed)| {
             let (near, far) = layout.interval(index);
-            let volume = volumes.get(index).and_then(Option::as_ref);
-            let map = volume.and_then(|volume| {
-                let CascadeHistory {
-                    extent, held, sun, ..
-                } = &mut kept[index];
-                let (size, slack) = (sizes[index], inputs.slack());
-                let mut place = |inputs: &PlanInputs| {
-                    map::place(inputs, volume, fits[index], size, slack, extent)
-                };
-                let mut placed = place(&inputs_of[index])?;
-                let closer = sun.frame_for(inputs, volume.middle(), placed.texel);
-                let inputs = match &closer {
-                    Some(light) => PlanInputs { light, ..*inputs },
-                    None => inputs_of[index],
-                };
-                if closer.is_some() {
-                    placed = place(&inputs)?;
-                }
-                sun.texel = placed.texel;
-                held::hold(&inputs, volume, placed, (index, size), &mut turn, held)
+            let map = placed.and_then(|placed| {
+                let light = &frames[index];
+                let inputs = PlanInputs { light, ..*inputs };
+                let volume = volumes[index].as_ref()?;
+                let held = &mut kept[index].held;
+                held::hold(
+                    &inputs,
+                    volume,
+                    placed,
+                    (index, sizes[index]),
+                    &mut turn,
+                    held,
+                )
             });
             if map.is_none() {
                 kept[index].held = None;

@@ -4,7 +4,11 @@
 use super::{PlanHistory, PlanInputs, cut::is_elsewhere};
 use crate::{
     config::{MAX_CASCADES, MapFit},
-    geometry::{hysteresis::Hold, light_frame::angle_between, slice::ViewVolume},
+    geometry::{
+        hysteresis::{Hold, Slack},
+        light_frame::angle_between,
+        slice::ViewVolume,
+    },
 };
 
 /// Of the angle that a view has turned by, what still counts after a frame.
@@ -17,12 +21,20 @@ const QUICK: f64 = 1.75;
 /// It does so no more below this.
 const SLOW: f64 = 0.2;
 
-/// Steps that the extent of a steady map then has to spare at least.
+/// Steps that the extent of a steady map then has to spare.
 const MARGIN: f64 = 3.0;
 
-/// A view goes on turning once it has turned by so much (radians: more than a right angle) where it is, without
-/// coming to look at something.
-const GOING_ON: f64 = 1.6;
+/// A view turns once it has turned by so much (radians) where it is, without coming to look at something.
+const TURNS: f64 = 0.1;
+
+/// It goes on turning once it has done so by that much (radians: half a right angle).
+const GOING_ON: f64 = 0.79;
+
+/// When one steady map has to grow as a view turns, all become so many times as large as needed, in the same frame,
+const WIDER: f64 = 1.35;
+
+/// and those that have to grow all the same as large as this.
+const MUCH_WIDER: f64 = 1.65;
 
 /// It looks at something while it turns by less than this in a frame (radians: a tenth of a degree),
 const IDLE: f64 = 0.00175;
@@ -47,6 +59,15 @@ const ZOOMING: Hold = Hold {
     ..Hold::LONG
 };
 
+/// How steady maps are widened.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Widening {
+    /// Of those, too, that need not grow.
+    pub of_all: bool,
+    /// That they have to spare then.
+    pub steps: u32,
+}
+
 /// How much a view has turned of late (radians), and whether it zooms.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub(super) struct Turning {
@@ -57,6 +78,8 @@ pub(super) struct Turning {
     /// The view from which on it has been turning, and by how much (radians).
     since: Option<ViewVolume>,
     way: f64,
+    /// All steady maps have been widened since then.
+    has_widened: bool,
     /// Depth at which the first slice ended when extents were let go of, or bounded, for the last time (meters).
     first_plane: f64,
     /// The view that showed more or less, for the last time, and for how many frames it still zooms.
@@ -102,12 +125,25 @@ impl Turning {
         } else {
             self.way = 0.0;
             self.since = None;
+            self.has_widened = false;
         }
     }
 
     /// Whether what is seen is soon something else, so that what has been seen counts as well.
     fn goes_on(&self) -> bool {
         self.way >= GOING_ON
+    }
+
+    /// How steady maps are to be widened of which some have had to grow.
+    pub fn widen(&mut self, grown: &[usize], slack: Slack) -> Option<Widening> {
+        if grown.is_empty() || self.way < TURNS || self.zooms > 0 {
+            return None;
+        }
+        let of_all = !core::mem::replace(&mut self.has_widened, true);
+        let times = if of_all { WIDER } else { MUCH_WIDER };
+        let has = if self.is_quick { MARGIN as u32 } else { 0 };
+        let steps = slack.steps_within(times).saturating_sub(has);
+        Some(Widening { of_all, steps })
     }
 
     /// How the extents of steady maps are held.
@@ -190,9 +226,12 @@ impl PlanHistory {
             }
             for extent in &mut cascade.extent {
                 extent.hold_as(now.extents());
+                if before.has_widened && !now.has_widened {
+                    extent.settle();
+                }
                 match (now.is_quick != before.is_quick, now.goes_on()) {
                     (true, false) => extent.forget(),
-                    (true, true) if now.is_quick => extent.widen(0),
+                    (true, true) if now.is_quick && !now.has_widened => extent.widen(0),
                     _ => (),
                 }
             }

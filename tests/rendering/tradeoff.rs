@@ -336,7 +336,7 @@ fn what_does_not_keep_still_along_a_path_is_found() {
     let pose = [studio.stance()];
     let tracer = studio.tracer(&pose[0]);
     let [rest, turn] = [Path::Rest, Path::Turn(30.0)]
-        .map(|path| studio.explore(path, &tracer, &pose, &|_, _| f32::NEG_INFINITY));
+        .map(|path| studio.explore(path, 120, &tracer, &pose, &|_, _| f32::NEG_INFINITY));
     let mut along = |route: &Route, config: ParallelSplitShadows| {
         let setting = Setting::pssm("a", config);
         studio.apply(&setting);

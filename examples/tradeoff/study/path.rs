@@ -15,6 +15,8 @@ pub const RATE: f32 = 60.0;
 const FIRST: usize = 60;
 /// Frames between cuts.
 const PERIOD: usize = 120;
+/// Frames between those that are looked at whatever happens while the sun moves: its steps are many and small.
+const SUN_PERIOD: usize = 18;
 /// No camera comes nearer to the ground than this (meters).
 const LEAST_HEIGHT: f32 = 2.0;
 
@@ -57,25 +59,19 @@ impl Path {
         ("walk, sun 0.3°/s", Self::UnderSun(1.5, 0.3)),
     ];
 
-    /// How closely it is looked at: steps of suns are many and small.
-    pub fn looks(self) -> Looks {
-        match self {
-            Self::UnderSun(..) => Looks {
-                period: 18,
-                most_changes: 30,
-                stride: 1,
-            },
-            _ => Looks {
-                period: PERIOD,
-                most_changes: 4,
-                stride: 2,
-            },
+    /// How closely it is looked at: at one of so many frames.
+    pub fn looks(self, every: usize) -> Looks {
+        let (period, most_changes, stride) = match self {
+            Self::UnderSun(..) => (SUN_PERIOD, 30, 1),
+            // Those after cuts are among them.
+            Self::Cuts => (PERIOD, 4, 2),
+            _ => (every, 4, 2),
+        };
+        Looks {
+            frames: (FIRST..FRAMES).step_by(period).collect(),
+            most_changes,
+            stride,
         }
-    }
-
-    /// Frames whose predecessors are looked at too, under every setting.
-    pub fn regular_frames(self) -> impl ExactSizeIterator<Item = usize> {
-        (FIRST..FRAMES).step_by(self.looks().period)
     }
 
     /// How camera and sun stand at a frame. `ground` is its height at (x, z).
@@ -141,8 +137,8 @@ pub fn rise(to_sun: DVec3, degrees: f64) -> DQuat {
 
 /// What is looked at of a path.
 pub struct Looks {
-    /// Frames between those that are looked at whatever happens.
-    pub period: usize,
+    /// Frames that are looked at, and their predecessors, under every setting.
+    pub frames: Vec<usize>,
     /// Of the frames in which a map changes its grid, so many are looked at, evenly spread.
     pub most_changes: usize,
     /// Points are so many pixels apart, both ways.

@@ -18,7 +18,7 @@ use super::{
     gather::Geometry,
     light::Reference,
     maps::{Map, maps_of},
-    path::{FRAMES, Path, RATE, rise},
+    path::{FRAMES, Looks, Path, RATE, rise},
     settings::{Setting, Technique},
     studio::{Stance, Studio},
     trace::{Lens, Sample, Tracer},
@@ -70,6 +70,7 @@ struct Pair {
 /// A path through a scene, and what is known of it before any setting is.
 pub struct Route {
     path: Path,
+    looks: Looks,
     stances: Vec<Stance>,
     tracer: Arc<Tracer>,
     /// By second frame, those that are looked at under each setting.
@@ -84,10 +85,11 @@ impl Studio {
         Arc::new(Tracer::new(Geometry::gather(self.world())))
     }
 
-    /// Traces the truth along a path from some poses.
+    /// Traces the truth along a path from some poses, in one of so many frames.
     pub fn explore(
         &mut self,
         path: Path,
+        every: usize,
         tracer: &Arc<Tracer>,
         poses: &[Stance],
         ground: &dyn Fn(f32, f32) -> f32,
@@ -95,11 +97,12 @@ impl Studio {
         let stances = (0..FRAMES).map(|frame| path.stance(poses, frame, ground));
         let mut route = Route {
             path,
+            looks: path.looks(every),
             stances: stances.collect(),
             tracer: tracer.clone(),
             pairs: HashMap::default(),
         };
-        for frame in path.regular_frames() {
+        for frame in route.looks.frames.clone() {
             let pair = self.pair(&route, frame);
             route.pairs.insert(frame, pair);
         }
@@ -109,7 +112,7 @@ impl Studio {
     fn pair(&mut self, route: &Route, frame: usize) -> Pair {
         let to_sun = route.stances[frame].sun.back().as_dvec3().normalize();
         let now = self.waypoint(route, frame);
-        let stride = route.path.looks().stride;
+        let stride = route.looks.stride;
         let mut points = route.tracer.every(&now.lens, to_sun, stride);
         if let Path::UnderSun(..) = route.path {
             let suns = AROUND.map(|degrees| rise(to_sun, degrees) * to_sun);
@@ -147,11 +150,8 @@ impl Studio {
             work: every,
         } = self.pass_along(route, setting);
         let drawn = self.share_drawn(&route.stances, every);
-        let step = changes
-            .len()
-            .div_ceil(route.path.looks().most_changes)
-            .max(1);
-        let mut looked_at: Vec<usize> = route.path.regular_frames().collect();
+        let step = changes.len().div_ceil(route.looks.most_changes).max(1);
+        let mut looked_at = route.looks.frames.clone();
         looked_at.extend(changes.iter().step_by(step));
         looked_at.sort_unstable();
         looked_at.dedup();
@@ -216,7 +216,7 @@ impl Studio {
                 passage.changes.push(frame);
             }
             let [before, now] = held;
-            if (is_change || route.path.regular_frames().any(|it| it == frame))
+            if (is_change || route.looks.frames.contains(&frame))
                 && let Some(before) = before
             {
                 passage.held.insert(frame, before);
