@@ -344,7 +344,7 @@ fn maps_become_finer_where_a_view_turns_and_comes_near() {
 #[test]
 fn maps_stay_fine_while_a_view_zooms() {
     let nothing = CasterChanges::At(Vec::new());
-    for degrees in [0.0_f32, 0.1] {
+    for degrees in [0.0_f32, 0.1, 1.0] {
         let mut walker = Walker::new(CascadeFit::Steady);
         let wide = walker.fov;
         let mut worst: f64 = 1.0;
@@ -359,7 +359,8 @@ fn maps_stay_fine_while_a_view_zooms() {
             assert!(!times.is_empty());
             worst = times.into_iter().fold(worst, f64::max);
         }
-        assert!(worst < 1.5, "{worst} times, turning by {degrees}°");
+        println!("WORST {worst} {degrees}");
+        assert!(worst < 1.22, "{worst} times, turning by {degrees}°");
     }
 }
 
