@@ -359,7 +359,6 @@ fn maps_stay_fine_while_a_view_zooms() {
             assert!(!times.is_empty());
             worst = times.into_iter().fold(worst, f64::max);
         }
-        println!("WORST {worst} {degrees}");
         assert!(worst < 1.22, "{worst} times, turning by {degrees}°");
     }
 }
