@@ -263,7 +263,7 @@ impl<T: Copy> Kept<T> {
             let widened = widens.filter(|widened| steps < f64::from(*widened) - 0.5);
             if let Some(widened) = widened {
                 headroom = widened;
-            } else if steps <= f64::from(1 + self.spare) {
+            } else if steps <= 1.0 + f64::from(self.spare) {
                 self.frames_too_large = 0;
                 return value;
             } else if steps <= hold.steps {
