@@ -17,7 +17,7 @@ pub struct Kept<T> {
     growths: u32,
     /// It is to have as much to spare as if it were new, and so many steps more.
     widens: Option<u32>,
-    /// Steps that it has to spare for a while: only more are too many.
+    /// Steps that it has to spare for a while: they are not too many.
     spare: u32,
     hold: Hold,
 }

@@ -35,15 +35,21 @@ impl Placing<'_> {
             .clone()
             .map(|index| self.place(index, &mut kept[index]))
             .collect();
-        let steady = cascades.filter(|index| self.fits.get(*index) == Some(&MapFit::Steady));
+        // Of those that see something.
+        let is_steady = |index: &usize| {
+            placed[*index].is_some() && self.fits.get(*index) == Some(&MapFit::Steady)
+        };
+        let steady: Vec<usize> = cascades.filter(is_steady).collect();
         let has_grown = |index: &usize| {
             let mut extents = kept[*index].extent.iter().zip(&before[*index]);
             extents.any(|(now, before)| now.has_grown(before))
         };
-        let grown: Vec<usize> = steady.clone().filter(has_grown).collect();
+        let grown: Vec<usize> = steady.iter().copied().filter(has_grown).collect();
         let slack = self.inputs.slack();
-        if let Some(widening) = turning.widen(&grown, slack) {
-            for index in steady.filter(|index| widening.of_all || grown.contains(index)) {
+        if !grown.is_empty()
+            && let Some(widening) = turning.widen(slack)
+        {
+            for index in if widening.of_all { steady } else { grown } {
                 let kept = &mut kept[index];
                 kept.extent
                     .iter_mut()

@@ -30,10 +30,10 @@ const TURNS: f64 = 0.1;
 /// It goes on turning once it has done so by that much (radians: half a right angle).
 const GOING_ON: f64 = 0.79;
 
-/// When one steady map has to grow as a view turns, all become so many times as large as needed, in the same frame,
+/// When one steady map has to grow as a view turns, all get as many steps to spare as make them this many times larger,
 const WIDER: f64 = 1.35;
 
-/// and those that have to grow all the same as large as this.
+/// and those that have to grow all the same so many.
 const MUCH_WIDER: f64 = 1.65;
 
 /// It looks at something while it turns by less than this in a frame (radians: a tenth of a degree),
@@ -134,15 +134,17 @@ impl Turning {
         self.way >= GOING_ON
     }
 
-    /// How steady maps are to be widened of which some have had to grow.
-    pub fn widen(&mut self, grown: &[usize], slack: Slack) -> Option<Widening> {
-        if grown.is_empty() || self.way < TURNS || self.zooms > 0 {
+    /// How steady maps are to be widened of which some have had to grow, or are new.
+    pub fn widen(&mut self, slack: Slack) -> Option<Widening> {
+        if self.way < TURNS || self.zooms > 0 {
             return None;
         }
         let of_all = !core::mem::replace(&mut self.has_widened, true);
         let times = if of_all { WIDER } else { MUCH_WIDER };
         let has = if self.is_quick { MARGIN as u32 } else { 0 };
-        let steps = slack.steps_within(times).saturating_sub(has);
+        // More would be too many as soon as the view stops.
+        let steps = slack.steps_within(times).min(Hold::LONG.steps as u32);
+        let steps = steps.saturating_sub(has);
         Some(Widening { of_all, steps })
     }
 
@@ -170,12 +172,14 @@ impl Turning {
             return Some(self.extents());
         }
         self.first_plane = first_plane;
-        (self.angle > SLOW).then(|| {
-            let extents = self.extents();
-            Hold {
-                steps: extents.steps.min(Hold::LONG.steps),
-                ..extents
-            }
+        if self.angle <= SLOW {
+            self.has_widened = false;
+            return None;
+        }
+        let extents = self.extents();
+        Some(Hold {
+            steps: extents.steps.min(Hold::LONG.steps),
+            ..extents
         })
     }
 
@@ -226,7 +230,7 @@ impl PlanHistory {
             }
             for extent in &mut cascade.extent {
                 extent.hold_as(now.extents());
-                if before.has_widened && !now.has_widened {
+                if before.has_widened && !now.has_widened || now.zooms > 0 {
                     extent.settle();
                 }
                 match (now.is_quick != before.is_quick, now.goes_on()) {

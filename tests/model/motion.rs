@@ -592,6 +592,22 @@ fn what_a_turn_widens_settles() {
             "{settled} times too large after turn {turn}"
         );
     }
+    // A zoom does not wait for that.
+    let mut turned = 0;
+    while times_too_large(&shot) < 1.3 {
+        shot.yaw += 0.02;
+        turned += 1;
+        assert!(turned < 300, "nothing is widened");
+    }
+    for frame in 0..20 {
+        shot.yaw += 0.002;
+        shot.fov *= 0.998;
+        let times = times_too_large(&shot);
+        assert!(
+            times < 1.22,
+            "{times} times too large in frame {frame} of a zoom"
+        );
+    }
 }
 
 /// An orthographic camera may see what lies behind its eye.
