@@ -11,8 +11,8 @@ pub struct Slack(pub f64);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kept<T> {
     value: Option<T>,
-    /// For how many frames in a row it has been much larger than needed.
-    frames_too_large: u32,
+    /// For how many frames in a row it has been much larger than needed, or smaller.
+    frames_off: u32,
     /// How often it has grown since it last had time to shrink.
     growths: u32,
     /// It is to have as much to spare as if it were new, and so many steps more.
@@ -30,6 +30,8 @@ pub struct Hold {
     /// Steps by which it may be too large at most, whatever moves: beyond, it shrinks at once. Infinite for any
     /// number.
     pub steps: f64,
+    /// Steps by which it may be too small for as many frames: none where what is needed must be had.
+    pub lag: u32,
     /// Steps that a length has to spare at least when it is new.
     pub margin: f64,
     /// Steps that something which keeps growing is made larger than needed, so that it grows less
@@ -42,6 +44,7 @@ impl Hold {
     pub const SHORT: Self = Self {
         frames: SHRINK_DELAY,
         steps: 4.0,
+        lag: 0,
         margin: 0.0,
         headroom: 0,
     };
@@ -50,6 +53,7 @@ impl Hold {
     pub const LONG: Self = Self {
         frames: 600,
         steps: 7.0,
+        lag: 0,
         margin: 0.5,
         headroom: 3,
     };
@@ -190,7 +194,7 @@ impl<T> Kept<T> {
     pub fn with(hold: Hold) -> Self {
         Self {
             value: None,
-            frames_too_large: 0,
+            frames_off: 0,
             growths: 0,
             widens: None,
             spare: 0,
@@ -219,12 +223,17 @@ impl<T> Kept<T> {
         self.hold = hold;
     }
 
+    /// May be too small by no more steps than these.
+    pub fn lag_at_most(&mut self, steps: u32) {
+        self.hold.lag = self.hold.lag.min(steps);
+    }
+
     /// A frame in which nothing is needed: so many in all, and what is held is let go.
     pub fn wait(&mut self) {
         if self.value.is_some() {
-            self.frames_too_large += 1;
+            self.frames_off += 1;
         }
-        if self.frames_too_large > self.hold.frames {
+        if self.frames_off > self.hold.frames {
             self.forget();
         }
     }
@@ -257,27 +266,31 @@ impl<T: Copy> Kept<T> {
             return *self.value.insert(needed(0.0));
         };
         let mut headroom = 0;
+        let steps = steps_too_large(value);
+        let may_lag = hold.lag > 0 && steps >= -f64::from(hold.lag) - 0.5;
         if suffices(value) {
-            let steps = steps_too_large(value);
             // Half a step allows for rounding: they are whole ones.
             let widened = widens.filter(|widened| steps < f64::from(*widened) - 0.5);
             if let Some(widened) = widened {
                 headroom = widened;
             } else if steps <= 1.0 + f64::from(self.spare) {
-                self.frames_too_large = 0;
+                self.frames_off = 0;
                 return value;
             } else if steps <= hold.steps {
-                if self.frames_too_large < hold.frames {
-                    self.frames_too_large += 1;
+                if self.frames_off < hold.frames {
+                    self.frames_off += 1;
                     return value;
                 }
                 self.growths = 0;
             }
+        } else if may_lag && self.frames_off < hold.frames {
+            self.frames_off += 1;
+            return value;
         } else {
             self.growths = hold.headroom.min(self.growths + 1);
             headroom = self.growths;
         }
-        self.frames_too_large = 0;
+        self.frames_off = 0;
         *self.value.insert(needed(f64::from(headroom)))
     }
 }

@@ -166,6 +166,12 @@ const MIN_STABLE_SLACK: f64 = 0.25;
 /// Slack of the range of depths of steady maps.
 const STEADY_SLACK: f64 = 1.0;
 
+/// Splits of steady maps may come nearer late, while the first slice is at most so many times as deep as it would be,
+const MOST_LATE: f64 = 1.4;
+
+/// and that by so many steps of the depth at which they begin.
+pub(super) const MOST_LATE_STEPS: u32 = 2;
+
 /// A range of depths is no thinner than this, as a share: planes should not fall together.
 const MIN_THICKNESS: f64 = 1e-3;
 
@@ -200,6 +206,8 @@ pub(super) fn split_range(
         0.0
     };
     let slack = Slack(inputs.slack().0.max(least_slack));
+    kept.near
+        .lag_at_most(late_steps(inputs, slack, [near, far]));
     // Shares of depths where those differ much, and of their difference where not.
     let by_depth = [
         slack.round_down(near, &mut kept.near),
@@ -211,6 +219,21 @@ pub(super) fn split_range(
         by_depth[0].max(by_thickness[0]).max(whole[0]),
         by_depth[1].min(by_thickness[1]).min(whole[1]),
     ]
+}
+
+/// By how many steps splits over a range may begin too deep: the first slice begins at the eye all the same.
+fn late_steps(inputs: &PlanInputs, slack: Slack, [near, far]: [f64; 2]) -> u32 {
+    let config = inputs.config;
+    let first_plane = |near| split_planes(&config.splits, near, far, config.cascades as usize)[1];
+    let near = slack.round_down(near, &mut Kept::default());
+    let is_fine = |steps: &u32| {
+        let late = near * (1.0 + slack.0).powf(f64::from(*steps));
+        late < far && first_plane(late) <= MOST_LATE * first_plane(near)
+    };
+    (1..=MOST_LATE_STEPS)
+        .take_while(is_fine)
+        .last()
+        .unwrap_or(0)
 }
 
 /// Whether splits are spread over what is seen.
@@ -231,16 +254,15 @@ pub(super) struct KeptRange {
 impl KeptRange {
     /// Nothing yet.
     pub fn with(hold: Hold) -> Self {
-        Self {
-            near: Kept::with(hold),
-            far: Kept::with(hold),
-            both: Kept::with(hold),
-        }
+        let mut kept = Self::default();
+        kept.hold_as(hold);
+        kept
     }
 
-    /// Holds on in another way.
+    /// Holds on in another way; only where splits begin may lag.
     pub fn hold_as(&mut self, hold: Hold) {
         self.near.hold_as(hold);
+        let hold = Hold { lag: 0, ..hold };
         self.far.hold_as(hold);
         self.both.hold_as(hold);
     }

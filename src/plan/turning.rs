@@ -1,7 +1,7 @@
 //! Whether a view keeps turning: maps then serve for what it has seen on the way and, if it turns quickly, have
 //! more to spare, so that they are drawn less often. And whether it zooms: then they have nothing to spare.
 
-use super::{PlanHistory, PlanInputs, cut::is_elsewhere};
+use super::{PlanHistory, PlanInputs, cut::is_elsewhere, layout::MOST_LATE_STEPS};
 use crate::{
     config::{MAX_CASCADES, MapFit},
     geometry::{
@@ -192,6 +192,12 @@ impl Turning {
     pub fn depths(&self) -> Hold {
         Hold {
             steps: self.steps(2.0),
+            // What is much too coarse goes when a quick turn ends.
+            lag: if self.is_quick && !self.goes_on() {
+                0
+            } else {
+                MOST_LATE_STEPS
+            },
             margin: 0.0,
             headroom: 0,
             ..Hold::LONG

@@ -515,6 +515,49 @@ fn steady_maps_change_seldom() {
     assert!(10 * of_steady <= of_tight, "{steady:?} {tight:?}");
 }
 
+/// Splits of steady maps stay for ten seconds though what is seen begins nearer, if that hardly moves them.
+#[test]
+fn splits_come_somewhat_nearer_late() {
+    let ends = |plans: &[CascadePlan]| plans.iter().map(|plan| plan.far).collect::<Vec<_>>();
+    let at = |height: f64| Shot {
+        eye: DVec3::Y * height,
+        ..STANDING
+    };
+    let mixed = SplitScheme::default();
+    for (fit, splits, from, to, is_late) in [
+        (CascadeFit::Steady, &mixed, 3.0, 1.6, true),
+        (CascadeFit::Steady, &mixed, 1.7, 0.5, true),
+        (CascadeFit::Steady, &mixed, 3.0, 0.7, false),
+        (CascadeFit::Steady, &mixed, 30.0, 24.0, false),
+        (
+            CascadeFit::Steady,
+            &SplitScheme::Logarithmic,
+            3.0,
+            1.6,
+            false,
+        ),
+        (CascadeFit::Steady, &SplitScheme::Uniform, 3.0, 0.7, true),
+        (CascadeFit::Steady, &SplitScheme::Uniform, 8.0, 0.7, false),
+        (CascadeFit::Tight, &mixed, 3.0, 1.6, false),
+    ] {
+        let config = ParallelSplitShadows {
+            splits: splits.clone(),
+            ..with(fit.clone())
+        };
+        let mut history = PlanHistory::default();
+        let mut plan = |height| ends(&at(height).plan(&config, DVec3::ZERO, &mut history));
+        let [first, wanted] = [from, to].map(|height| ends(&at(height).fresh(&config)));
+        let case = format!("{fit:?}, {splits:?}, {from} m to {to} m");
+        assert_ne!(first, wanted, "{case}");
+        assert_eq!(plan(from), first, "{case}");
+        let waited = (0..1000).find(|_| plan(to) != first);
+        assert_eq!(waited, Some(if is_late { 600 } else { 0 }), "{case}");
+        assert_eq!(plan(to), wanted, "{case}");
+        let deeper = first[0] / wanted[0];
+        assert!(!is_late || deeper < 1.41, "{case}: {deeper} times as deep");
+    }
+}
+
 /// When one map has to grow as a view turns, all do, in the same frame; and the more, those that have to grow all the same.
 #[test]
 fn steady_maps_grow_together_as_a_view_turns() {
