@@ -1,5 +1,5 @@
-//! Hysteresis for sizes that would change with every frame: they grow at once, shrink after a
-//! delay or when they are much too large, and all in steps.
+//! Hysteresis for sizes that would change with every frame: they grow at once (or, where they may lag, by a few steps
+//! later), shrink after a delay or when they are much too large, and all in steps.
 
 use glam::DVec2;
 
@@ -135,7 +135,7 @@ impl Slack {
         finer.power(needed, &mut Kept::default(), 1.0)
     }
 
-    /// As [`Slack::round_up`], for a length that must not be longer than needed.
+    /// As [`Slack::round_up`], for a length that must not be longer than needed (but where it may lag).
     pub fn round_down(self, needed: f64, kept: &mut Kept<f64>) -> f64 {
         self.power(needed, kept, -1.0)
     }

@@ -176,7 +176,7 @@ pub(super) const MOST_LATE_STEPS: u32 = 2;
 const MIN_THICKNESS: f64 = 1e-3;
 
 /// The depths between which splits are spread: those at which anything receives shadows, or did when anything
-/// was seen last.
+/// was seen last. For a while what has come nearer lies before them, where that hardly matters to splits of steady maps.
 pub(super) fn split_range(
     inputs: &PlanInputs,
     last: Option<[f64; 2]>,
@@ -206,19 +206,20 @@ pub(super) fn split_range(
         0.0
     };
     let slack = Slack(inputs.slack().0.max(least_slack));
-    kept.near
-        .lag_at_most(late_steps(inputs, slack, [near, far]));
     // Shares of depths where those differ much, and of their difference where not.
-    let by_depth = [
-        slack.round_down(near, &mut kept.near),
-        slack.round_up(far, &mut kept.far),
-    ];
+    let end = slack.round_up(far, &mut kept.far);
     let thickness = (far - near).log2().ceil().exp2();
     let by_thickness = slack.interval([near, far], thickness, &mut kept.both);
-    [
-        by_depth[0].max(by_thickness[0]).max(whole[0]),
-        by_depth[1].min(by_thickness[1]).min(whole[1]),
-    ]
+    let end = end.min(by_thickness[1]).min(whole[1]);
+    // Where splits become others all the same, they begin where they should.
+    let is_same_end = last.is_some_and(|last| last[1] == end);
+    kept.near.lag_at_most(if is_same_end {
+        late_steps(inputs, slack, [near, far])
+    } else {
+        0
+    });
+    let start = slack.round_down(near, &mut kept.near);
+    [start.max(by_thickness[0]).max(whole[0]), end]
 }
 
 /// By how many steps splits over a range may begin too deep: the first slice begins at the eye all the same.
@@ -228,7 +229,8 @@ fn late_steps(inputs: &PlanInputs, slack: Slack, [near, far]: [f64; 2]) -> u32 {
     let near = slack.round_down(near, &mut Kept::default());
     let is_fine = |steps: &u32| {
         let late = near * (1.0 + slack.0).powf(f64::from(*steps));
-        late < far && first_plane(late) <= MOST_LATE * first_plane(near)
+        // Thin ranges are worth fewer slices.
+        2.0 * late < far && first_plane(late) <= MOST_LATE * first_plane(near)
     };
     (1..=MOST_LATE_STEPS)
         .take_while(is_fine)

@@ -192,8 +192,8 @@ impl Turning {
     pub fn depths(&self) -> Hold {
         Hold {
             steps: self.steps(2.0),
-            // What is much too coarse goes when a quick turn ends.
-            lag: if self.is_quick && !self.goes_on() {
+            // What is enlarged shows its texels, and what is much too coarse goes as soon as a quick turn ends.
+            lag: if self.zooms > 0 || self.is_quick {
                 0
             } else {
                 MOST_LATE_STEPS
