@@ -182,9 +182,9 @@ pub fn find_changes(
     suspects.extend(changed.moving.edited());
     if changed.are_records_old {
         changed.forget();
-        changed.sample = Sample::default();
+        let last = core::mem::take(&mut changed.sample);
         if is_flood && suspects.len() > MOST {
-            changed.sample = Sample::new(&suspects, changed.frame);
+            changed.sample = last.renewed(&suspects, changed.frame);
             let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
             while let Some(it) = sample.fetch_next() {
                 if let Ok(mut it) = it {

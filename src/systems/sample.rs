@@ -10,19 +10,21 @@ pub(super) struct Sample {
     pub meshes: Vec<Entity>,
     /// One of so many.
     share: usize,
-    /// Frames for which it has told.
+    /// Frames for which it has told, and for which it is believed: others may change by then.
     age: u32,
+    life: u32,
 }
 
 impl Sample {
     /// Meshes of a sample.
     const SIZE: usize = 128;
 
-    /// Frames for which it is believed: others may change by then.
+    /// Frames for which the first is believed, and any: twice as long as the one before.
     const LIFE: u32 = 16;
+    const MOST_LIFE: u32 = 64;
 
-    /// Others in each `frame`: some may always be suspects, and never change.
-    pub fn new(suspects: &[Entity], frame: u64) -> Self {
+    /// The next one, of others in each `frame`: some may always be suspects, and never change.
+    pub fn renewed(&self, suspects: &[Entity], frame: u64) -> Self {
         let share = suspects.len().div_ceil(Self::SIZE).max(1);
         let first = (frame % share as u64) as usize;
         let suspects = suspects.iter().copied();
@@ -30,6 +32,7 @@ impl Sample {
             meshes: suspects.skip(first).step_by(share).collect(),
             share,
             age: 0,
+            life: (2 * self.life).clamp(Self::LIFE, Self::MOST_LIFE),
         }
     }
 
@@ -45,6 +48,6 @@ impl Sample {
 
     /// Whether it is not too old to tell.
     pub fn is_believed(&self) -> bool {
-        self.age < Self::LIFE
+        self.age < self.life
     }
 }
