@@ -72,6 +72,7 @@ pub struct CasterState {
     /// `None` if it is not culled.
     bounds: Option<(Aabb, Margin)>,
     kind: CasterKind,
+    updates: ShadowUpdates,
 }
 
 /// What a mesh is, wherever it is.
@@ -241,6 +242,7 @@ impl ChangingCasterItem<'_, '_> {
                 layers: self.layers.as_deref().cloned().unwrap_or_default(),
                 ranges: surroundings.ranges(self),
             },
+            updates: self.updates(),
         })
     }
 
@@ -355,11 +357,10 @@ impl Found {
     ) {
         let state = it.state(surroundings, displaced);
         let updates = it.updates();
-        let has_new_updates = it.updates.as_ref().is_some_and(DetectChanges::is_changed);
-        // What has just come is in no map.
-        let is_new = it.updates.as_ref().is_some_and(DetectChanges::is_added)
-            && *it.record == CasterRecord::Nothing;
-        if has_new_updates && !is_new {
+        // What was not there is in no map.
+        if let CasterRecord::Known(before) = &*it.record
+            && before.updates != updates
+        {
             match updates {
                 ShadowUpdates::Never => self.resting.push(it.entity),
                 // Maps may have it where it was long ago.

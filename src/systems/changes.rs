@@ -130,11 +130,6 @@ pub fn find_changes(
     found
         .casters
         .extend(removed.filter_map(|record| record.caster()));
-    // What has gone with it is in no map any more.
-    let lost_updates = lost.updates.read().filter(|mesh| meshes.contains(*mesh));
-    if lost_updates.count() > 0 {
-        found.casters.push(None);
-    }
     for mesh in masked.iter().filter_map(|mesh| meshes.get(*mesh).ok()) {
         let need_not_show = mesh.is_never_updated() && changed.moving.is_edited_often(mesh.entity);
         if !changed.moving.contains(mesh.entity) && !need_not_show {
@@ -314,12 +309,12 @@ impl LostComponents<'_, '_> {
         entities.extend(self.skins.read());
         entities.extend(self.morphs.read());
         entities.extend(self.disabled.read());
+        entities.extend(self.updates.read());
         entities
     }
 
     fn clear(&mut self) {
         self.read();
-        self.updates.clear();
     }
 }
 

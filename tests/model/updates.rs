@@ -8,6 +8,10 @@ use bevy::{
     ecs::{entity::EntityHashSet, entity_disabling::Disabled},
     light::NotShadowCaster,
     math::{DMat3, DVec3},
+    mesh::{
+        morph::{MeshMorphWeights, MorphWeights},
+        skinning::SkinnedMesh,
+    },
     prelude::*,
 };
 use bevy_pssm::{
@@ -720,9 +724,8 @@ fn changes_are_told_once() {
     for caster in &boxes[..5] {
         app.world_mut()
             .entity_mut(*caster)
-            .insert(ShadowUpdates::Automatic);
+            .insert(ShadowUpdates::Never);
     }
-    assert!(is_any_drawn(&mut app, view, light));
     assert!(!is_any_drawn(&mut app, view, light));
     for caster in &boxes[..5] {
         app.world_mut()
@@ -787,6 +790,90 @@ fn what_goes_nowhere_leaves_nothing_behind() {
     let casters = app.world().get::<CasterCascades>(light).unwrap();
     let mut added = casters.added[&view].iter();
     assert!(added.any(|(it, _)| *it == caster));
+}
+
+/// Written again, `ShadowUpdates` are what they were; others have all maps drawn that may hold an old shadow.
+#[test]
+fn updates_are_compared_by_value() {
+    let (mut app, boxes, ..) = at_rest();
+    let caster = boxes[0];
+    let is_changed = |app: &mut App, updates: Option<ShadowUpdates>| {
+        let mut caster = app.world_mut().entity_mut(caster);
+        match updates {
+            Some(updates) => _ = caster.insert(updates),
+            None => _ = caster.remove::<ShadowUpdates>(),
+        }
+        app.update();
+        *app.world().resource::<ChangedCasters>().get() != CasterChanges::At(Vec::new())
+    };
+    let usual = ShadowUpdates::Automatic;
+    assert!(!is_changed(&mut app, Some(usual)), "it was that without");
+    for (updates, is_news) in [
+        (Some(ShadowUpdates::Never), false),
+        (Some(usual), true),
+        (Some(ShadowUpdates::Always), true),
+        (None, true),
+        (Some(ShadowUpdates::Never), false),
+        (None, true),
+        (Some(usual), false),
+        (None, false),
+    ] {
+        assert_eq!(is_changed(&mut app, updates), is_news, "{updates:?}");
+        for _ in 0..150 {
+            app.update();
+        }
+        for _ in 0..3 {
+            let is_changed = updates.is_some() && is_changed(&mut app, updates);
+            assert!(!is_changed, "{updates:?} once more");
+        }
+    }
+}
+
+/// Joints that move and weights that are written are found, whoever has them.
+#[test]
+fn poses_are_followed() {
+    let (mut app, boxes, ..) = at_rest();
+    let world = app.world_mut();
+    let joint = world.spawn(Transform::default()).id();
+    let weights = world.spawn(MorphWeights::default()).id();
+    let [skinned, morphed, referring] = [boxes[0], boxes[1], boxes[2]];
+    world.entity_mut(skinned).insert(SkinnedMesh {
+        joints: vec![joint],
+        ..default()
+    });
+    let own = MeshMorphWeights::Value { weights: vec![0.0] };
+    world.entity_mut(morphed).insert(own);
+    let referred = MeshMorphWeights::Reference(weights);
+    world.entity_mut(referring).insert(referred);
+    let is_moving = |app: &App, caster| {
+        let changed = app.world().resource::<ChangedCasters>();
+        changed.moving().contains(caster)
+    };
+    let mut moves = |caster: Entity, change: &dyn Fn(&mut World)| {
+        for _ in 0..150 {
+            app.update();
+        }
+        assert!(!is_moving(&app, caster));
+        change(app.world_mut());
+        app.update();
+        is_moving(&app, caster)
+    };
+    assert!(moves(skinned, &|world| {
+        world.get_mut::<Transform>(joint).unwrap().translation.x = 1.0;
+    }));
+    assert!(moves(morphed, &|world| {
+        world
+            .get_mut::<MeshMorphWeights>(morphed)
+            .unwrap()
+            .set_changed();
+    }));
+    assert!(moves(referring, &|world| {
+        world
+            .get_mut::<MorphWeights>(weights)
+            .unwrap()
+            .set_changed();
+    }));
+    assert!(!moves(skinned, &|_| ()));
 }
 
 /// What has `ShadowUpdates` is compared only once it has been written to, and what is always drawn in each frame.

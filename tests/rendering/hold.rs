@@ -148,7 +148,7 @@ fn change_something(world: &mut World, casters: &mut Vec<Entity>, is_first: bool
     let index = dice.pick(casters.len());
     let caster = casters[index];
     let mut entity = world.entity_mut(caster);
-    match dice.pick(12) {
+    match dice.pick(13) {
         0 => {
             let by = Vec3::new(dice.roll() - 0.5, 0.0, dice.roll() - 0.5);
             entity.get_mut::<Transform>().expect("one").translation += by;
@@ -228,6 +228,12 @@ fn change_something(world: &mut World, casters: &mut Vec<Entity>, is_first: bool
         10 => {
             entity.insert(Disabled);
         }
+        11 => {
+            let other = casters[dice.pick(casters.len())];
+            let material = world.get::<MeshMaterial3d<StandardMaterial>>(other);
+            let material = material.expect("a material").clone();
+            world.entity_mut(caster).insert(material);
+        }
         _ => {
             entity
                 .get_mut::<Transform>()
@@ -237,12 +243,13 @@ fn change_something(world: &mut World, casters: &mut Vec<Entity>, is_first: bool
     }
 }
 
-/// A walk with a turn and a cut, during which casters change now and then, so many at once.
+/// A walk with a turn and a cut, during which casters change now and then, so many at once. What happens to the `ignored`
+/// one is to be missed.
 fn walk(
     updates: MapUpdates,
     fit: CascadeFit,
-    frames: usize,
-    at_once: usize,
+    (frames, at_once): (usize, usize),
+    ignored: Option<usize>,
 ) -> (Vec<RgbaImage>, usize) {
     let config = ParallelSplitShadows {
         fit,
@@ -255,6 +262,13 @@ fn walk(
     let (mut stage, sun) = stage(config);
     let mut casters = blocks(&mut stage);
     let mover = stage.world().entity_mut(casters[3]).clone_and_spawn();
+    if let Some(ignored) = ignored {
+        let ignored = [mover, casters[3]][ignored];
+        stage
+            .world()
+            .entity_mut(ignored)
+            .insert(ShadowUpdates::Never);
+    }
     let mut dice = Dice(7);
     let mut total = 0;
     let mut pictures = Vec::new();
@@ -303,8 +317,9 @@ fn held_pictures_are_those_of_maps_drawn_anew() {
         ("tight", CascadeFit::Tight, 0.4),
         ("warped", CascadeFit::Warped(MapWarp::Minimax), 0.8),
     ] {
-        let (anew, every) = walk(MapUpdates::EveryFrame, fit.clone(), frames, changes);
-        let (held, needed) = walk(MapUpdates::WhenNeeded, fit, frames, changes);
+        let extent = (frames, changes);
+        let (anew, every) = walk(MapUpdates::EveryFrame, fit.clone(), extent, None);
+        let (held, needed) = walk(MapUpdates::WhenNeeded, fit, extent, None);
         for (frame, (held, anew)) in held.iter().zip(&anew).enumerate() {
             if held != anew {
                 assert_identical(&format!("held_{name}_{frame}"), held, anew);
@@ -316,6 +331,15 @@ fn held_pictures_are_those_of_maps_drawn_anew() {
             "{name}: {needed} of {every} maps drawn"
         );
     }
+}
+
+/// A change that is missed is seen in pictures: those above would differ.
+#[test]
+fn a_missed_change_is_found() {
+    let walk = |updates, ignored| walk(updates, CascadeFit::Steady, (20, 0), ignored).0;
+    let anew = walk(MapUpdates::EveryFrame, Some(0));
+    assert!(walk(MapUpdates::WhenNeeded, Some(0)) != anew);
+    assert!(walk(MapUpdates::WhenNeeded, Some(1)) == anew, "it rests");
 }
 
 /// A turn on the spot among blocks, some of which may move, and in each frame: maps drawn anew, second views drawn,
