@@ -357,15 +357,15 @@ impl Found {
     ) {
         let state = it.state(surroundings, displaced);
         let updates = it.updates();
-        // What was not there is in no map.
-        if let CasterRecord::Known(before) = &*it.record
-            && before.updates != updates
-        {
-            match updates {
-                ShadowUpdates::Never => self.resting.push(it.entity),
-                // Maps may have it where it was long ago.
-                ShadowUpdates::Automatic | ShadowUpdates::Always => self.casters.push(None),
-            }
+        let never = ShadowUpdates::Never;
+        if updates == never && known_moving.contains(it.entity) {
+            self.resting.push(it.entity);
+        }
+        let was_never = matches!(&*it.record, CasterRecord::Known(it) if it.updates == never);
+        // Maps may have it where it was long ago.
+        let may_be_anywhere = was_never && it.record.casts() && updates != never;
+        if may_be_anywhere {
+            self.casters.push(None);
         }
         let is_edited =
             updates == ShadowUpdates::Automatic && known_moving.edited().contains(&it.entity);
@@ -374,13 +374,14 @@ impl Found {
         self.has_receiver |= !is_same;
         // Whatever does not count while it is there, what comes and what goes does.
         let comes_or_goes = || !(it.record.casts() && state.casts());
-        if is_restless || !is_same && (updates != ShadowUpdates::Never || comes_or_goes()) {
+        if is_restless || !is_same && (updates != never || comes_or_goes()) {
             let moves = is_restless || it.record.differs_by_place(&state);
             let is_over_maps = moves && it.can_move(&state);
             if is_over_maps {
                 self.moving.push(it.entity);
             }
-            if !known_moving.contains(it.entity) || it.gpu_culled.is_some() {
+            let is_in_maps = !known_moving.contains(it.entity) || it.gpu_culled.is_some();
+            if is_in_maps && !may_be_anywhere {
                 let (before, now) = (it.record.caster(), state.caster());
                 match (before, now) {
                     (None, Some(Some(_))) if is_over_maps => {}

@@ -797,36 +797,56 @@ fn what_goes_nowhere_leaves_nothing_behind() {
 fn updates_are_compared_by_value() {
     let (mut app, boxes, ..) = at_rest();
     let caster = boxes[0];
-    let is_changed = |app: &mut App, updates: Option<ShadowUpdates>| {
+    let change = |app: &mut App, updates: Option<ShadowUpdates>| {
         let mut caster = app.world_mut().entity_mut(caster);
         match updates {
             Some(updates) => _ = caster.insert(updates),
             None => _ = caster.remove::<ShadowUpdates>(),
         }
         app.update();
-        *app.world().resource::<ChangedCasters>().get() != CasterChanges::At(Vec::new())
+        app.world().resource::<ChangedCasters>().get().clone()
     };
+    let none = CasterChanges::At(Vec::new());
     let usual = ShadowUpdates::Automatic;
-    assert!(!is_changed(&mut app, Some(usual)), "it was that without");
+    assert_eq!(change(&mut app, Some(usual)), none, "it was that without");
     for (updates, is_news) in [
         (Some(ShadowUpdates::Never), false),
         (Some(usual), true),
         (Some(ShadowUpdates::Always), true),
-        (None, true),
+        (None, false),
         (Some(ShadowUpdates::Never), false),
         (None, true),
         (Some(usual), false),
         (None, false),
     ] {
-        assert_eq!(is_changed(&mut app, updates), is_news, "{updates:?}");
+        let is_news_of = change(&mut app, updates) != none;
+        assert_eq!(is_news_of, is_news, "{updates:?}");
         for _ in 0..150 {
             app.update();
         }
         for _ in 0..3 {
-            let is_changed = updates.is_some() && is_changed(&mut app, updates);
-            assert!(!is_changed, "{updates:?} once more");
+            let again = updates.is_some() && change(&mut app, updates) != none;
+            assert!(!again, "{updates:?} once more");
         }
     }
+    // Where maps have it need not be where it is.
+    change(&mut app, Some(ShadowUpdates::Never));
+    lift(&mut app, &boxes[..1], 500.0);
+    app.update();
+    assert_eq!(change(&mut app, Some(usual)), CasterChanges::Anywhere);
+
+    // Who hides it meanwhile has it rest, too.
+    change(&mut app, Some(ShadowUpdates::Always));
+    app.world_mut()
+        .entity_mut(caster)
+        .insert(Visibility::Hidden);
+    change(&mut app, Some(ShadowUpdates::Always));
+    app.world_mut()
+        .entity_mut(caster)
+        .insert(Visibility::Inherited);
+    change(&mut app, Some(ShadowUpdates::Never));
+    let moving = app.world().resource::<ChangedCasters>().moving();
+    assert!(!moving.contains(caster));
 }
 
 /// Joints that move and weights that are written are found, whoever has them.
