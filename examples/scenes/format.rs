@@ -267,6 +267,10 @@ pub enum ModelKind {
     Windmill,
     /// A boulder among pebbles.
     Rock,
+    /// A town house of three to five stories.
+    House,
+    /// A street lamp.
+    Lamp,
 }
 
 /// Where a group's objects stand.
@@ -296,6 +300,19 @@ pub enum Layout {
         /// Greatest slope of the ground under one (meters per meter).
         #[serde(default = "any_slope")]
         slope: f32,
+    },
+    /// Along the sides of a town's blocks, looking at its streets.
+    Blocks {
+        /// Middle of the town (x, z).
+        center: [f32; 2],
+        /// Blocks along x and z.
+        count: [u32; 2],
+        /// Distance between the middles of neighboring blocks (meters).
+        pitch: [f32; 2],
+        /// Sides of the rectangles about blocks' middles on which objects stand (meters).
+        size: [f32; 2],
+        /// Distance between neighbors, or a little more (meters).
+        spacing: f32,
     },
     /// Where listed: x, z and facing (degrees).
     Places(Vec<(f32, f32, f32)>),

@@ -50,6 +50,26 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
                 })
                 .collect()
         }
+        Layout::Blocks {
+            center,
+            count,
+            pitch,
+            size,
+            spacing,
+        } => {
+            let [center, pitch, size] = [center, pitch, size].map(|it| Vec2::from_array(*it));
+            let all = UVec2::from_array(*count);
+            (0..all.element_product())
+                .flat_map(|i| {
+                    let block = UVec2::new(i % all.x, i / all.x).as_vec2();
+                    let middle = center + (block - 0.5 * (all.as_vec2() - 1.0)) * pitch;
+                    around(size, *spacing).map(move |place| Place {
+                        at: middle + place.at,
+                        ..place
+                    })
+                })
+                .collect()
+        }
         Layout::Scatter {
             count,
             center,
@@ -81,4 +101,25 @@ pub fn places(layout: &Layout, ground: &Ground, random: &mut Stream) -> Vec<Plac
             list
         }
     }
+}
+
+/// Along the sides of a rectangle about the origin, looking out of it.
+fn around(size: Vec2, spacing: f32) -> impl Iterator<Item = Place> {
+    // Each side's direction, and where it looks.
+    let sides = [
+        (Vec2::X, 0.0),
+        (Vec2::Y, 90.0),
+        (Vec2::NEG_X, 180.0),
+        (Vec2::NEG_Y, 270.0),
+    ];
+    sides.into_iter().flat_map(move |(along, facing)| {
+        let length = (along * size).length();
+        let count = (length / spacing).floor().max(1.0) as u32;
+        // A side lies to the left of its direction, seen from the middle.
+        let out = Vec2::new(along.y, -along.x);
+        (0..count).map(move |i| Place {
+            at: 0.5 * out * size + along * length * ((i as f32 + 0.5) / count as f32 - 0.5),
+            facing,
+        })
+    })
 }

@@ -7,6 +7,7 @@ mod mine;
 mod plants;
 mod robot;
 mod rock;
+mod town;
 mod windmill;
 
 use bevy::prelude::*;
@@ -90,6 +91,8 @@ pub fn build(kind: ModelKind, style: Style) -> Model {
         ModelKind::Knight => knight::knight(style),
         ModelKind::Tree => plants::tree(style),
         ModelKind::Cactus => plants::cactus(style),
+        ModelKind::House => town::house(style),
+        ModelKind::Lamp => town::lamp(style),
         ModelKind::Pawn
         | ModelKind::Rook
         | ModelKind::Horse
