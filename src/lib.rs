@@ -86,7 +86,7 @@ pub use config::{
     CascadeFit, CascadeTransition, CasterCulling, CasterFaces, Comparison, ConfigError,
     DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp, ParallelSplitShadows,
     ShadowBias, ShadowFilter, ShadowFocus, ShadowPreset, ShadowPresetError, SplitScheme, TexelGrid,
-    WarpAxis,
+    UpdateBudget, WarpAxis,
 };
 #[doc(inline)]
 pub use debug::ShadowOverlay;
@@ -114,7 +114,7 @@ pub mod prelude {
         Comparison, DepthDistribution, FilterRadius, MapFit, MapSize, MapUpdates, MapWarp,
         ParallelSplitShadows, PssmPlugin, ShaderFeatures, ShadowBias, ShadowFilter, ShadowFocus,
         ShadowGridOrigin, ShadowMemoryLimit, ShadowOverlay, ShadowPreset, ShadowUpdates,
-        SharesShadowsWith, SplitScheme, TexelGrid, WarpAxis,
+        SharesShadowsWith, SplitScheme, TexelGrid, UpdateBudget, WarpAxis,
     };
 }
 

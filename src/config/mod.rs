@@ -1,5 +1,6 @@
 //! The component that holds a light's whole shadow configuration, its checks and its RON form.
 
+mod budget;
 mod comparison;
 mod error;
 mod filter;
@@ -8,6 +9,7 @@ mod map_size;
 mod preset;
 mod splits;
 
+pub use budget::UpdateBudget;
 pub use comparison::{
     CasterCulling, CasterFaces, Comparison, DepthDistribution, MapUpdates, ShadowBias, ShadowFocus,
     WarpAxis,
@@ -129,10 +131,14 @@ pub struct ParallelSplitShadows {
     pub sun_step: f32,
     /// For how many frames a map that is due may wait while another is drawn (0 to 60): who has waited longest
     /// goes first, or else the nearest. What comes into view meanwhile is shadowed by a coarser map or not at
-    /// all; but of a camera's maps one is drawn in a frame, unless they are new, a sun has jumped, a caster has
-    /// begun to move, come to rest or gone, or they have waited so long; with `Faces` none waits. Default 0: none waits.
+    /// all; but of a camera's maps no more than [`update_budget`](Self::update_budget) are drawn in a frame, unless they
+    /// are new, a sun has jumped, a caster has begun to move, come to rest or gone, or they have waited so long; with
+    /// `Faces` none waits. Default 0: none waits.
     #[reflect(@0..=MAX_DELAY)]
     pub delay: u32,
+    /// What is drawn in a frame of those maps that may wait: more has fewer of them wait. Default `Maps(1)`, which means
+    /// nothing unless there is a [`delay`](Self::delay).
+    pub update_budget: UpdateBudget,
     /// How one cascade gives way to the next: two lookups in the band, or one and grain where
     /// there is no temporal antialiasing. Default [`CascadeTransition::CrossFade`].
     pub transition: CascadeTransition,
@@ -156,6 +162,7 @@ impl Default for ParallelSplitShadows {
             grid: TexelGrid::default(),
             sun_step: 0.05,
             delay: 0,
+            update_budget: UpdateBudget::default(),
             transition: CascadeTransition::default(),
             comparison: Comparison::default(),
         }
@@ -191,6 +198,7 @@ impl ParallelSplitShadows {
         self.filter.validate()?;
         ConfigError::check_range("sun_step", self.sun_step, 0.0..=1.0)?;
         ConfigError::check_range("delay", self.delay, 0..=MAX_DELAY)?;
+        self.update_budget.validate()?;
         self.comparison.bias.validate()
     }
 

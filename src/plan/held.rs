@@ -2,8 +2,8 @@
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
 
-use super::{CascadeMap, PlanInputs, map::PlacedMap, volume::CascadeVolume};
-use crate::config::{CascadeFit, CasterCulling, MapUpdates};
+use super::{CascadeMap, PlanInputs, map::PlacedMap, stagger::Turn, volume::CascadeVolume};
+use crate::config::{CasterCulling, MapUpdates};
 use crate::geometry::{
     body::ConvexBody, fit::MapBox, hull::CasterHull, light_frame::LightFrame, slice::ViewVolume,
 };
@@ -50,46 +50,15 @@ pub(super) struct HeldMap {
     owed: Option<(Redraw, u32)>,
 }
 
-/// Whose turn it is to be drawn in a frame: who has waited longest, of those the nearest.
-#[derive(Debug, Default)]
-pub(super) struct Turn {
-    reserved: Option<usize>,
-    is_taken: bool,
-}
-
-impl Turn {
-    pub fn new<'a>(held: impl Iterator<Item = Option<&'a HeldMap>>) -> Self {
-        let waited = held.enumerate().filter_map(|(index, held)| {
-            let (_, frames) = held?.owed?;
-            Some((index, frames))
-        });
-        let longest = waited.reduce(|a, b| if b.1 > a.1 { b } else { a });
-        Self {
-            reserved: longest.map(|(index, _)| index),
-            is_taken: false,
-        }
-    }
-
-    /// Whether a map that is due waits, for so many frames already.
-    fn is_for_another(
-        &self,
-        inputs: &PlanInputs,
-        index: usize,
-        (redraw, waited): (Redraw, u32),
-    ) -> bool {
-        let config = inputs.config;
-        // Suns that move have turns of their own, and those that jump, or worlds that are moved, cannot wait.
-        let can_wait = redraw != Redraw::Light
-            // Another side's map may have taken its place.
-            && config.fit != CascadeFit::Faces;
-        let is_anothers = self.is_taken || self.reserved.is_some_and(|it| it != index);
-        can_wait && is_anothers && waited < config.delay
-    }
-}
-
 impl HeldMap {
     pub fn texel(&self) -> DVec2 {
         self.placed.texel
+    }
+
+    /// For how many frames it has been due, if it is, and its size (texels).
+    pub fn waiting(&self) -> Option<(u32, UVec2)> {
+        let (_, frames) = self.owed?;
+        Some((frames, self.size))
     }
 
     /// Whether it has ever been drawn with the casters that matter to a body, and so holds them. If so, it is for those
@@ -320,15 +289,16 @@ pub(super) fn hold(
             && (lacks_casters
                 || held.has_stale_casters(inputs)
                 || is_to_hold(&wanted.hull(inputs, volume)));
-        if held.size == size && !is_urgent && turn.is_for_another(inputs, index, (due, waited)) {
+        let is_anothers = turn.is_for_another(inputs, (index, size), (due, waited));
+        if held.size == size && !is_urgent && is_anothers {
             // What has come is not told of again.
             let due = if lacks_casters { Redraw::Casters } else { due };
             held.owed = Some((due, waited + 1));
             redraw = None;
         }
     }
+    turn.pass((index, size), redraw.is_some());
     if let Some(redraw) = redraw {
-        turn.is_taken = true;
         let before = held.take();
         let (placed, spare) = ahead(inputs, volume, wanted, redraw, before.as_ref());
         let (mut earlier_hulls, mut partial_hulls) = (Vec::new(), Vec::new());

@@ -12,6 +12,7 @@ mod place;
 mod rest;
 mod size;
 mod split;
+mod stagger;
 mod sun;
 mod turning;
 mod volume;
@@ -39,10 +40,11 @@ use crate::{
     },
 };
 
-use held::{HeldMap, Turn};
+use held::HeldMap;
 use layout::{KeptRange, Layout};
 use place::Placing;
 use rest::Rest;
+use stagger::Turn;
 use sun::FollowedSun;
 use turning::Turning;
 
@@ -304,7 +306,8 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
         frames: &mut frames,
     };
     let placed = placing.place_all(kept, &mut history.turning);
-    let mut turn = Turn::new(kept.iter().map(|kept| kept.held.as_ref()));
+    let held = kept.iter().map(|kept| kept.held.as_ref());
+    let mut turn = Turn::new(inputs.config.update_budget, held);
     placed
         .into_iter()
         .enumerate()

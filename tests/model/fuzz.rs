@@ -389,6 +389,10 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         either([TexelGrid::Light, TexelGrid::Ground]),
         number(0.0..1.0),
         count(0..61),
+        prop_oneof![
+            count(1..5).prop_map(UpdateBudget::Maps),
+            (1..u64::MAX).prop_map(UpdateBudget::Texels),
+        ],
     );
     (
         count(1..5),
@@ -404,7 +408,8 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         .prop_map(
             |(cascades, range, splits, shares, fit, map_size, lookups, motion, comparison)| {
                 let ((near, far), (blend, fade, slack)) = (range, shares);
-                let ((filter, transition), (grid, sun_step, delay)) = (lookups, motion);
+                let ((filter, transition), (grid, sun_step, delay, update_budget)) =
+                    (lookups, motion);
                 ParallelSplitShadows {
                     cascades,
                     near,
@@ -419,6 +424,7 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     grid,
                     sun_step,
                     delay,
+                    update_budget,
                     transition,
                     comparison,
                 }

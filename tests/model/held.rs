@@ -674,6 +674,80 @@ fn maps_that_may_wait_are_drawn_one_after_the_other() {
     }
 }
 
+/// All maps are due: those that fit the budget are drawn, the nearest first, or one.
+#[test]
+fn budgets_say_how_many_are_drawn_in_a_frame() {
+    let nothing = CasterChanges::At(Vec::new());
+    let sizes = MapSize::PerCascade(vec![[2048; 2], [1024; 2], [512; 2], [512; 2]]);
+    let million = |count: u64| UpdateBudget::Texels(count << 20);
+    for (budget, expected) in [
+        (UpdateBudget::Maps(1), [vec![0], vec![1], vec![2], vec![3]]),
+        (
+            UpdateBudget::Maps(2),
+            [vec![0, 1], vec![2, 3], vec![], vec![]],
+        ),
+        (
+            UpdateBudget::Maps(3),
+            [vec![0, 1, 2], vec![3], vec![], vec![]],
+        ),
+        (
+            UpdateBudget::Maps(4),
+            [vec![0, 1, 2, 3], vec![], vec![], vec![]],
+        ),
+        // The first is larger than the budget; the others fit it.
+        (million(2), [vec![0], vec![1, 2, 3], vec![], vec![]]),
+        (million(1), [vec![0], vec![1], vec![2, 3], vec![]]),
+        (million(5), [vec![0, 1], vec![2, 3], vec![], vec![]]),
+        (
+            UpdateBudget::Texels(1),
+            [vec![0], vec![1], vec![2], vec![3]],
+        ),
+    ] {
+        let mut walker = Walker::new(CascadeFit::Steady);
+        walker.config.map_size = sizes.clone();
+        walker.config.delay = 8;
+        walker.config.update_budget = budget;
+        walker.plan(&nothing);
+        walker.plan(&nothing);
+        for (frame, expected) in expected.into_iter().enumerate() {
+            let changes = if frame == 0 {
+                &CasterChanges::Anywhere
+            } else {
+                &nothing
+            };
+            let drawn = reasons(&walker.plan(changes));
+            let drawn = drawn.iter().enumerate().filter(|(_, why)| why.is_some());
+            let drawn: Vec<_> = drawn.map(|(index, _)| index).collect();
+            assert_eq!(drawn, expected, "{budget:?}, frame {frame}");
+        }
+    }
+}
+
+/// Who has waited longest goes first, though a nearer map is due.
+#[test]
+fn budgets_keep_room_for_who_has_waited() {
+    let nothing = CasterChanges::At(Vec::new());
+    let mut walker = Walker::new(CascadeFit::Steady);
+    walker.config.delay = 8;
+    walker.config.update_budget = UpdateBudget::Maps(2);
+    walker.plan(&nothing);
+    walker.plan(&nothing);
+    let drawn = [0, 1, 2].map(|frame| {
+        let changes = if frame < 2 {
+            &CasterChanges::Anywhere
+        } else {
+            &nothing
+        };
+        let drawn = reasons(&walker.plan(changes));
+        drawn.iter().map(Option::is_some).collect::<Vec<_>>()
+    });
+    let (near, far) = (
+        vec![true, true, false, false],
+        vec![false, false, true, true],
+    );
+    assert_eq!(drawn, [near.clone(), far, near]);
+}
+
 /// Maps that wait to be drawn anew are not only added to when it is their turn.
 #[test]
 fn what_is_due_outlasts_what_is_added() {

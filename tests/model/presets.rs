@@ -36,6 +36,7 @@ fn every_field_and_variant_is_read() {
             splits: Manual([20.0, 110.5]),
             blend: 0.2, fade: 0.0, fit: Tight, map_size: PerCascade([(1000, 1000), (777, 777), (64, 65)]),
             filter: Tent(Meters(0.3)), transition: Dither, slack: 0.25, grid: Ground, sun_step: 0.5, delay: 3,
+            update_budget: Texels(5000000),
             comparison: (
                 culling: Off, bias: SlopeScaled(factor: 2.0, meters: 0.01), caster_faces: Back,
                 depth: Linear, focus: Off, warp_axis: BodyCenter, updates: EveryFrame,
@@ -56,6 +57,7 @@ fn every_field_and_variant_is_read() {
         grid: TexelGrid::Ground,
         sun_step: 0.5,
         delay: 3,
+        update_budget: UpdateBudget::Texels(5_000_000),
         transition: CascadeTransition::Dither,
         comparison: Comparison {
             bias: ShadowBias::SlopeScaled {

@@ -636,6 +636,11 @@ fn any_config(dice: &mut Dice) -> ParallelSplitShadows {
         grid: dice.any(&[TexelGrid::Light, TexelGrid::Ground]),
         sun_step: dice.roll(),
         delay: dice.pick(4) as u32,
+        update_budget: dice.any(&[
+            UpdateBudget::Maps(1),
+            UpdateBudget::Maps(2),
+            UpdateBudget::Texels(1 << 20),
+        ]),
         transition: dice.any(&[CascadeTransition::CrossFade, CascadeTransition::Dither]),
         comparison: any_comparison(dice),
     };

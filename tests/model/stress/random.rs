@@ -154,6 +154,11 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
                     },
                     sun_step,
                     delay,
+                    update_budget: match delay % 3 {
+                        0 => UpdateBudget::Maps(1),
+                        1 => UpdateBudget::Maps(2),
+                        _ => UpdateBudget::Texels(3 << 20),
+                    },
                     comparison: Comparison {
                         warp_axis: if is_to_center {
                             WarpAxis::BodyCenter
