@@ -45,9 +45,10 @@ pub struct Arguments {
     /// A small grid, small pictures and few poses: under three minutes.
     #[arg(long)]
     pub quick: bool,
-    /// Steadiness too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv.
-    #[arg(long)]
-    pub paths: bool,
+    /// Steadiness and work too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv. All
+    /// paths, or those whose names begin so: rest, walk, run, drive, turn, look, zoom, three cuts.
+    #[arg(long, num_args = 0.., value_name = "PATH")]
+    pub paths: Option<Vec<String>>,
     /// Of each path's 600 frames, one in so many is looked at: fewer tell more, and take longer.
     #[arg(long, value_name = "N", default_value_t = 120, value_parser = frames_apart)]
     pub every: usize,

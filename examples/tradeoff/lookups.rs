@@ -7,7 +7,7 @@ use bevy::{light::ShadowFilteringMethod, prelude::*};
 use bevy_pssm::prelude::*;
 
 use crate::study::{
-    cases::{Case, bevys_studio, case_studio},
+    cases::{Case, bevys_studio, case_studio, defer},
     faults::BiasFaults,
     run::{Effort, View},
     settings::{Setting, Stock},
@@ -70,13 +70,14 @@ fn plane_alone(case: Case, map_size: u32) -> ParallelSplitShadows {
 pub fn report(quick: bool, mut done: impl FnMut(&str)) -> String {
     let mut text = "# Lookups: biases and filters\n\n".to_owned();
     text += &biases(quick, &mut done);
+    text += &terminators(&mut done);
     text += &costs(&mut done);
     text
 }
 
-fn look(studio: &mut Studio) -> View {
+fn look(studio: &mut Studio, case: Case) -> View {
     let effort = Effort {
-        rays: 1,
+        rays: case.rays(),
         flicker_poses: 0,
         steps: 0,
     };
@@ -120,7 +121,7 @@ fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
     for case in Case::ALL {
         done(&format!("{case:?}"));
         let mut studio = case_studio(case);
-        let view = look(&mut studio);
+        let view = look(&mut studio, case);
         for (filter, reach) in FILTERS {
             let camera = studio.camera;
             studio.world().entity_mut(camera).insert(filter);
@@ -179,6 +180,41 @@ fn biases(quick: bool, done: &mut impl FnMut(&str)) -> String {
                 best.leak_pct,
             );
         }
+    }
+    text + "\n"
+}
+
+fn terminators(done: &mut impl FnMut(&str)) -> String {
+    let mut text = "## Where light runs out on smooth-shaded meshes\n\n\
+        Pixels near there that the sun shines on, as rays from the surface that the shading means say, \
+        and that get less than half of its light: percent, with maps of 1024² and 4096².\n\n\
+        | case | shading | automatic: 1024² | 4096² | Bevy, defaults: 1024² | 4096² |\n\
+        |---|---|---:|---:|---:|---:|\n"
+        .to_owned();
+    for (case, is_deferred) in Case::SMOOTH
+        .into_iter()
+        .flat_map(|it| [(it, false), (it, true)])
+    {
+        let shading = if is_deferred { "deferred" } else { "forward" };
+        done(&format!("where light runs out, {case:?}, {shading}"));
+        let mut studio = case_studio(case);
+        if is_deferred {
+            defer(&mut studio);
+        }
+        let view = look(&mut studio, case);
+        let mut dark = |setting: Setting| {
+            studio.apply(&setting);
+            let shares = studio.shares(&view);
+            studio.terminator_faults(&view, &shares).0
+        };
+        let sizes = [1024, 4096];
+        let ours = sizes.map(|size| dark(Setting::pssm("", config(case, size))));
+        let bevys = sizes.map(|size| dark(Setting::bevy("", stock(case, size))));
+        let _ = writeln!(
+            text,
+            "| {case:?} | {shading} | {:.2} | {:.2} | {:.2} | {:.2} |",
+            ours[0], ours[1], bevys[0], bevys[1]
+        );
     }
     text + "\n"
 }

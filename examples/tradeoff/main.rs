@@ -46,10 +46,11 @@ use study::{
     path::Path,
     paths::{FOLLOWED, PathRow},
     pictures,
-    row::{Row, rounded},
+    row::Row,
     run::{Effort, Outcome, View},
     settings::{Setting, Stock, Technique, grid, map_sizes},
     studio::{Stance, Studio, linear_camera, measurable_app},
+    trace::Rays,
     tune::{TUNED_SIZE, attempts},
 };
 
@@ -150,10 +151,13 @@ fn frames(arguments: &Arguments, scene: &NamedScene) -> usize {
 
 /// Those that are asked for.
 fn paths(arguments: &Arguments) -> impl Iterator<Item = (&'static str, Path)> {
-    let if_wanted = |paths: &'static [_], is_wanted: bool| paths.iter().filter(move |_| is_wanted);
-    let all = if_wanted(&Path::ALL, arguments.paths);
-    all.chain(if_wanted(&Path::UNDER_SUNS, arguments.suns))
-        .copied()
+    let wanted = arguments.paths.as_deref();
+    let all = Path::ALL.iter().filter(move |(name, _)| {
+        let is_named = |start: &String| name.starts_with(start.as_str());
+        wanted.is_some_and(|starts| starts.is_empty() || starts.iter().any(is_named))
+    });
+    let under_suns = Path::UNDER_SUNS.iter().filter(|_| arguments.suns);
+    all.chain(under_suns).copied()
 }
 
 fn load(arguments: &Arguments, scene: &NamedScene) -> Result<SceneStage, String> {
@@ -209,7 +213,7 @@ fn measure_scene(
         .collect();
     progress.say(&format!("{name}: tracing rays"));
     let effort = Effort {
-        rays: RAYS,
+        rays: Rays::at_edges(RAYS),
         flicker_poses: FLICKER_POSES,
         steps: arguments.frames as usize,
     };
@@ -262,7 +266,7 @@ fn measure_scene(
         report.worst_pose.push(worst);
         report.settings.push(setting);
     }
-    if arguments.paths || arguments.suns {
+    if paths(arguments).next().is_some() {
         let ground = |x: f32, z: f32| ground.height(x, z);
         let is_followed =
             |setting: &&Setting| !wanted.is_empty() || FOLLOWED.contains(&setting.name.as_str());
@@ -321,18 +325,7 @@ fn follow(
         studio.apply(setting);
         for (path, route) in &routes {
             let found = studio.travel(route, setting, || progress.step());
-            rows.push(PathRow {
-                scene: scene.to_owned(),
-                setting: setting.name.clone(),
-                path,
-                changed_pct_per_second: rounded(found.changed_pct),
-                grid_changes: found.grid_changes,
-                wrong_pct: rounded(found.wrong_pct),
-                maps_drawn_pct: rounded(found.drawn.maps),
-                triangles_drawn_pct: rounded(found.drawn.triangles),
-                triangles_drawn_moving_pct: rounded(found.drawn.triangles_moving),
-                triangles_drawn_all_moving_pct: rounded(found.drawn.triangles_all_moving),
-            });
+            rows.push(PathRow::new(scene, &setting.name, path, &found));
         }
     }
     rows

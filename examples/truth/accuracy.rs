@@ -91,6 +91,13 @@ impl Truth {
         Some(self.to_boundary[pixel]).filter(|distance| *distance < diagonal)
     }
 
+    /// By pixel, the distance to the nearest one that is lit and shadowed both, as rays across it say
+    /// (pixels).
+    pub fn to_mixed(&self) -> Vec<f64> {
+        let is_mixed = |i: &usize| self.shares[*i].is_some_and(|share| share > 0.0 && share < 1.0);
+        distances(self.lens.size, (0..self.shares.len()).filter(is_mixed))
+    }
+
     /// What is wrong with a pixel that gets a share of the sun's light; `None` if its center
     /// does not face the sun.
     pub fn fault(&self, pixel: usize, found: f32) -> Option<Fault> {

@@ -86,6 +86,25 @@ pub struct Sample {
     pub lit: bool,
 }
 
+/// Rays through a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rays {
+    /// So many each way.
+    pub across: u32,
+    /// Also where the centers of the pixels around agree: what is finer than pixels may lie between.
+    pub everywhere: bool,
+}
+
+impl Rays {
+    /// Where they are likely to make a difference.
+    pub fn at_edges(across: u32) -> Self {
+        Self {
+            across,
+            everywhere: false,
+        }
+    }
+}
+
 /// A scene, ready for rays.
 pub struct Tracer {
     geometry: Geometry,
@@ -169,14 +188,14 @@ impl Tracer {
     }
 
     /// The share of each pixel that the sun shines on, of what belongs to the surface at the
-    /// pixel's center and faces the sun; by `n × n` rays wherever the centers of the pixels
+    /// pixel's center and faces the sun; by so many rays wherever the centers of the pixels
     /// around do not agree. `None` where the center does not face the sun.
     pub fn shares(
         &self,
         lens: &Lens,
         to_sun: DVec3,
         centers: &[Option<Sample>],
-        n: u32,
+        Rays { across, everywhere }: Rays,
     ) -> Vec<Option<f32>> {
         let [width, height] = lens.size.to_array().map(|side| side as usize);
         let world_from_clip = lens.clip_from_world.inverse();
@@ -193,15 +212,15 @@ impl Tracer {
                 let agree =
                     around(y, height).all(|j| around(x, width).all(|i| kind(i, j) == kind(x, y)));
                 *share = Some(f32::from(u8::from(center.lit)));
-                if agree {
+                if agree && !everywhere {
                     continue;
                 }
                 let (mut lit, mut all) = (0, 0);
-                for step in 0..n * n {
+                for step in 0..across * across {
                     let place = |corner: usize, step: u32| {
-                        corner as f64 + (f64::from(step) + 0.5) / f64::from(n)
+                        corner as f64 + (f64::from(step) + 0.5) / f64::from(across)
                     };
-                    let at = [place(x, step % n), place(y, step / n)];
+                    let at = [place(x, step % across), place(y, step / across)];
                     let sample = self
                         .sample(lens, &world_from_clip, at, to_sun)
                         .filter(|sample| sample.faces_sun && lens.same_surface(&center, sample));

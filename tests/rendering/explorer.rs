@@ -37,6 +37,7 @@ use crate::{
         run::Effort,
         settings::{Setting, Stock},
         studio::{Studio, linear_camera, measurable_app},
+        trace::Rays,
     },
     warnings,
 };
@@ -442,7 +443,7 @@ fn reported(size: UVec2) -> [f64; 2] {
     let mut studio = Studio::new(stage.headless, camera, sun, size);
     studio.headless.settle();
     let effort = Effort {
-        rays: 1,
+        rays: Rays::at_edges(1),
         flicker_poses: 0,
         steps: 0,
     };

@@ -27,6 +27,7 @@ use crate::{
         run::Effort,
         settings::{Setting, Stock},
         studio::{Stance, Studio, linear_camera, measurable_app},
+        trace::Rays,
     },
 };
 
@@ -290,7 +291,7 @@ fn shadows_are_nearer_to_the_truth_than_bevys() {
         });
         let stances: Vec<Stance> = stances.collect();
         let effort = Effort {
-            rays: 2,
+            rays: Rays::at_edges(2),
             flicker_poses: 0,
             steps: 0,
         };

@@ -21,6 +21,7 @@ use crate::{
     scene_stage::SceneStage,
     stage::take_turn,
     study::{
+        drawn::{Drawn, percent},
         gather::{Geometry, Surface},
         path::Path,
         paths::Route,
@@ -29,7 +30,7 @@ use crate::{
         run::{Effort, Outcome, View},
         settings::{Setting, Stock},
         studio::{Stance, Studio, linear_camera, measurable_app},
-        trace::{Lens, Tracer},
+        trace::{Lens, Rays, Tracer},
     },
 };
 
@@ -74,7 +75,7 @@ fn from_above(at: Vec3, side: f64, pixels: u32) -> Lens {
 /// Area of the ground that is seen and in shadow (square meters), by whole pixels and by shares.
 fn dark_area(tracer: &Tracer, lens: &Lens, side: f64, to_sun: DVec3) -> [f64; 2] {
     let samples = tracer.picture(lens, to_sun);
-    let shares = tracer.shares(lens, to_sun, &samples, 4);
+    let shares = tracer.shares(lens, to_sun, &samples, Rays::at_edges(4));
     let pixel = (side / f64::from(lens.size.x)).powi(2);
     let on_ground = |i: &usize| samples[*i].is_some_and(|s| s.normal.y > 0.999 && s.triangle < 2);
     let ground: Vec<usize> = (0..samples.len()).filter(on_ground).collect();
@@ -211,7 +212,7 @@ fn studio(filter: ShadowFilteringMethod) -> Studio {
 
 fn survey(studio: &mut Studio, steps: usize) -> Vec<View> {
     let effort = Effort {
-        rays: 4,
+        rays: Rays::at_edges(4),
         flicker_poses: 1,
         steps,
     };
@@ -351,16 +352,24 @@ fn what_does_not_keep_still_along_a_path_is_found() {
     let found = along(&rest, steady.clone());
     assert_eq!((found.changed_pct, found.grid_changes), (0.0, 0));
     assert!(found.wrong_pct > 0.0 && found.wrong_pct < 1.0, "{found:?}");
-    // The first frame's.
+    // The first frame's, of six hundred.
+    let Drawn {
+        always, still, all, ..
+    } = found.drawn;
+    assert_eq!(
+        (600 * still.maps, 600 * still.casters, 600 * still.texels),
+        (always.maps, always.casters, always.texels)
+    );
+    assert_eq!(always.texels, always.maps as u64 * 1024 * 1024);
+    // In the others, what moves is drawn over copies.
+    assert!(all.casters > always.casters / 2, "{found:?}");
     assert!(
-        found.drawn.maps > 0.0 && found.drawn.maps < 0.2,
+        all.texels > always.texels / 2 && all.texels <= always.texels + still.texels,
         "{found:?}"
     );
     let found = along(&turn, steady);
-    assert!(
-        found.drawn.triangles > 0.2 && found.drawn.triangles < 30.0,
-        "{found:?}"
-    );
+    let drawn = percent(found.drawn.still.triangles, found.drawn.always.triangles);
+    assert!(drawn > 0.2 && drawn < 30.0, "{found:?}");
     assert!(found.grid_changes < 10, "{found:?}");
     let most = found.changed_pct.max(0.1);
     assert!(most < 0.5, "{found:?}");
@@ -502,7 +511,7 @@ fn everything_but_times_repeats_exactly() {
             ..start.clone()
         });
         let effort = Effort {
-            rays: 2,
+            rays: Rays::at_edges(2),
             flicker_poses: 1,
             steps: 1,
         };

@@ -2,7 +2,9 @@
 
 use bevy::{
     asset::RenderAssetUsages,
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
     mesh::PrimitiveTopology,
+    pbr::DefaultOpaqueRendererMethod,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -10,7 +12,10 @@ use bevy_pssm::prelude::*;
 
 use crate::headless::Headless;
 
-use super::studio::{Studio, bevys_app, linear_camera, measurable_app};
+use super::{
+    studio::{Studio, bevys_app, linear_camera, measurable_app},
+    trace::Rays,
+};
 
 /// A scene under the usual sun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,8 +32,8 @@ pub enum Case {
     Fences,
     /// A box on the ground, from its shadow's side.
     Contact,
-    /// A roof's rows of tiles, in steps of 5 cm, under a low sun.
-    Roofs,
+    /// A roof's rows of tiles, in steps of 5 cm, under a sun so high (degrees).
+    Roofs(u8),
     /// Rolling ground under a sun of 3°.
     Ridges,
     /// Mountains under a sun of 15°, in kilometers.
@@ -41,23 +46,40 @@ pub enum Case {
 
 impl Case {
     /// Those that biases fail in.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Slopes,
         Self::Balls,
         Self::Waves,
         Self::Walls,
         Self::Fences,
         Self::Contact,
-        Self::Roofs,
+        Self::Roofs(12),
+        Self::Roofs(22),
+        Self::Roofs(35),
         Self::Ridges,
         Self::Kilometers,
     ];
+
+    /// Those that show where light runs out on smooth-shaded meshes.
+    pub const SMOOTH: [Self; 2] = [Self::Terminator, Self::Ridges];
 
     /// Where shadows begin and end (the case's units).
     pub fn range(self) -> [f32; 2] {
         match self {
             Self::Kilometers => [0.05, 3.0],
             _ => [1.0, 150.0],
+        }
+    }
+
+    /// How closely its truth is to be looked at.
+    pub fn rays(self) -> Rays {
+        match self {
+            // Far rows are finer than pixels.
+            Self::Roofs(_) => Rays {
+                across: 4,
+                everywhere: true,
+            },
+            _ => Rays::at_edges(1),
         }
     }
 
@@ -69,7 +91,9 @@ impl Case {
             Self::Slab => (Vec3::new(0.0, 12.0, 6.0), Vec3::new(0.0, 0.0, -40.0)),
             Self::Kilometers => (Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.0, 0.0, -1.5)),
             Self::Terminator => (Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 0.7, -6.0)),
-            Self::Balls | Self::Walls | Self::Fences | Self::Roofs => {
+            // From where no shadow hides behind a row.
+            Self::Roofs(_) => (Vec3::new(-8.0, 0.8, 4.0), Vec3::new(-6.0, 0.0, 2.0)),
+            Self::Balls | Self::Walls | Self::Fences => {
                 (Vec3::new(0.0, 3.0, 4.0), Vec3::new(0.0, 0.5, -6.0))
             }
         };
@@ -83,7 +107,8 @@ impl Case {
             Vec3::new(elevation.cos(), elevation.sin(), 0.1)
         };
         let to_sun = match self {
-            Self::Roofs | Self::Terminator | Self::Kilometers => low(15.0),
+            Self::Roofs(degrees) => low(f32::from(degrees)),
+            Self::Terminator | Self::Kilometers => low(15.0),
             Self::Ridges => low(3.0),
             _ => Vec3::new(0.55, 0.65, 0.2),
         };
@@ -110,6 +135,16 @@ pub fn case_studio(case: Case) -> Studio {
 pub fn bevys_studio(case: Case) -> Studio {
     let size = case.size();
     furnish(bevys_app(size, |_| ()), case, size, ())
+}
+
+/// Has all be shaded after the fact, from what was seen.
+pub fn defer(studio: &mut Studio) {
+    let camera = studio.camera;
+    let world = studio.world();
+    world.insert_resource(DefaultOpaqueRendererMethod::deferred());
+    world
+        .entity_mut(camera)
+        .insert((DepthPrepass, DeferredPrepass));
 }
 
 fn furnish(mut headless: Headless, case: Case, size: UVec2, shadows: impl Bundle) -> Studio {
@@ -139,7 +174,7 @@ fn build(world: &mut World, case: Case) {
     let to_sun = case.to_sun();
     let is_ground = matches!(
         case,
-        Case::Waves | Case::Ridges | Case::Roofs | Case::Kilometers
+        Case::Waves | Case::Ridges | Case::Roofs(_) | Case::Kilometers
     );
     if case != Case::Slopes && !is_ground {
         let ground = Plane3d::default().mesh().size(300.0, 300.0).build();
@@ -183,7 +218,7 @@ fn build(world: &mut World, case: Case) {
         }
         Case::Waves | Case::Ridges => scene.add(waves(), Transform::default()),
         Case::Kilometers => scene.add(mountains(), Transform::default()),
-        Case::Roofs => scene.add(tiles(), Transform::default()),
+        Case::Roofs(_) => scene.add(tiles(), Transform::default()),
         Case::Walls => {
             let wall = Cuboid::new(2.0, 1.5, 0.02).mesh().build();
             for i in 0..7 {

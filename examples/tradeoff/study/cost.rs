@@ -33,7 +33,7 @@ pub struct Frame {
 }
 
 /// Texels of a map.
-fn area(size: UVec2) -> u64 {
+pub fn area(size: UVec2) -> u64 {
     u64::from(size.x) * u64::from(size.y)
 }
 

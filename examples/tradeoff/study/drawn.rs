@@ -1,51 +1,55 @@
 //! What is drawn along a path where maps that serve are held.
 
-use bevy::{light::NotShadowCaster, prelude::*};
+use bevy::{light::NotShadowCaster, platform::collections::HashSet, prelude::*};
 use bevy_pssm::{CasterCascades, MapUpdates, ParallelSplitShadows, ShadowPlans, plan::Redraw};
 
 use super::{
-    cost::{triangles_of, triangles_of_cascades},
+    cost::{Frame, area, triangles_of},
     studio::{Stance, Studio},
 };
 
-/// In percent.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DrawnShare {
-    /// Of maps.
-    pub maps: f64,
-    /// Of their casters' triangles.
-    pub triangles: f64,
-    /// Of the same, with one in a hundred casters moving.
-    pub triangles_moving: f64,
-    /// And with all of them.
-    pub triangles_all_moving: f64,
-}
-
-impl Default for DrawnShare {
-    fn default() -> Self {
-        Self {
-            maps: 100.0,
-            triangles: 100.0,
-            triangles_moving: 100.0,
-            triangles_all_moving: 100.0,
-        }
-    }
+/// What is drawn along a path, by how much moves besides the camera.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub struct Drawn {
+    /// If all maps are, in every frame.
+    pub always: Work,
+    /// If they are as needed: no caster moves,
+    pub still: Work,
+    /// one in a hundred does,
+    pub few: Work,
+    /// all do.
+    pub all: Work,
 }
 
 /// How far what moves goes in a frame (meters).
 const STEP: f32 = 0.125;
 
-/// Maps drawn, and what into them.
-#[derive(Default, Clone, Copy)]
+/// What is drawn.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub struct Work {
-    maps: usize,
-    triangles: usize,
+    /// Maps, or into maps.
+    pub maps: usize,
+    /// Casters into maps.
+    pub casters: usize,
+    /// Their triangles.
+    pub triangles: usize,
+    /// Texels of maps that are cleared, or copied from what rests.
+    pub texels: u64,
 }
 
 impl core::ops::AddAssign for Work {
     fn add_assign(&mut self, other: Self) {
         self.maps += other.maps;
+        self.casters += other.casters;
         self.triangles += other.triangles;
+        self.texels += other.texels;
+    }
+}
+
+impl Work {
+    fn plus(mut self, other: Self) -> Self {
+        self += other;
+        self
     }
 }
 
@@ -54,23 +58,24 @@ pub fn percent(part: usize, whole: usize) -> f64 {
 }
 
 impl Studio {
-    /// What is drawn along a path if maps are held, of what drawing them in every frame takes; all of Bevy's, which
-    /// never are.
-    pub fn share_drawn(&mut self, stances: &[Stance], every: Work) -> DrawnShare {
-        let Some(resting) = self.needed_work(stances, &[]) else {
-            return DrawnShare::default();
+    /// What is drawn along a path, if always drawing takes so much; Bevy's maps are never held.
+    pub fn drawn_along(&mut self, stances: &[Stance], always: Work) -> Drawn {
+        let Some(still) = self.needed_work(stances, &[]) else {
+            return Drawn {
+                always,
+                still: always,
+                few: always,
+                all: always,
+            };
         };
         let casters = self.casters();
         let few: Vec<_> = casters.iter().skip(50).step_by(100).copied().collect();
-        let mut with_moving = |movers: &[Entity]| {
-            let work = self.needed_work(stances, movers).unwrap_or_default();
-            percent(work.triangles, every.triangles)
-        };
-        DrawnShare {
-            maps: percent(resting.maps, every.maps),
-            triangles: percent(resting.triangles, every.triangles),
-            triangles_moving: with_moving(&few),
-            triangles_all_moving: with_moving(&casters),
+        let mut moving = |movers: &[Entity]| self.needed_work(stances, movers).unwrap_or(always);
+        Drawn {
+            always,
+            still,
+            few: moving(&few),
+            all: moving(&casters),
         }
     }
 
@@ -118,32 +123,48 @@ impl Studio {
         Some(())
     }
 
-    /// What the plugin has to draw in this frame.
+    /// What has to be drawn in this frame.
     pub fn work(&mut self) -> Work {
-        let (camera, sun) = (self.camera, self.sun);
+        let (camera, sun, is_ours) = (self.camera, self.sun, self.is_ours());
         let world = self.world();
-        let plans = world.get::<ShadowPlans>(sun);
-        let Some(plans) = plans.and_then(|plans| plans.views.get(&camera)) else {
-            return Work::default();
+        let frame = Frame::of(world, default(), camera, sun, is_ours);
+        let costs = frame.casters.iter().zip(&frame.triangles).zip(&frame.maps);
+        let maps = costs.map(|((casters, triangles), size)| Work {
+            maps: 1,
+            casters: *casters,
+            triangles: *triangles,
+            texels: area(*size),
+        });
+        let plans = world.get::<ShadowPlans>(sun).filter(|_| is_ours);
+        let plans = plans.and_then(|plans| plans.views.get(&camera));
+        let Some(plans) = plans else {
+            return maps.fold(Work::default(), Work::plus);
         };
-        let triangles = triangles_of_cascades(world, camera, sun);
         let mut work = Work::default();
-        for (plan, triangles) in plans.iter().zip(triangles) {
+        for (plan, whole) in plans.iter().zip(maps) {
             work += match plan.map.as_ref().and_then(|map| map.redraw) {
                 None => Work::default(),
                 Some(Redraw::Added) => Work {
                     maps: 1,
-                    triangles: 0,
+                    ..default()
                 },
-                Some(_) => Work { maps: 1, triangles },
+                Some(_) => whole,
             };
         }
-        if let Some(casters) = world.get::<CasterCascades>(sun) {
-            let drawn_over = [&casters.added, &casters.moving].map(|views| views.get(&camera));
-            for (caster, cascades) in drawn_over.into_iter().flatten().flatten() {
-                work.triangles += cascades.iter().count() * triangles_of(world, *caster);
-            }
+        let Some(casters) = world.get::<CasterCascades>(sun) else {
+            return work;
+        };
+        let drawn_over = [&casters.added, &casters.moving].map(|views| views.get(&camera));
+        for (caster, cascades) in drawn_over.into_iter().flatten().flatten() {
+            let count = cascades.iter().count();
+            work.casters += count;
+            work.triangles += count * triangles_of(world, *caster);
         }
+        // What moves is drawn over a copy.
+        let moving = casters.moving.get(&camera).into_iter().flatten();
+        let has_moving: HashSet<usize> = moving.flat_map(|(_, it)| it.iter()).collect();
+        let copied = has_moving.iter().filter_map(|index| frame.maps.get(*index));
+        work.texels += copied.map(|size| area(*size)).sum::<u64>();
         work
     }
 }

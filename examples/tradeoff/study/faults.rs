@@ -38,6 +38,8 @@ impl Studio {
         let [mut lit, mut stained, mut dark, mut leaking] = [0_usize; 4];
         let mut gap = 0.0;
         let mut marks = vec![false; shares.len()];
+        // Between pixels' centers, too, there may be shadows.
+        let to_mixed = truth.to_mixed();
         for (pixel, share) in shares.iter().enumerate() {
             let sample = truth.samples[pixel].filter(|sample| sample.faces_sun);
             let (Some(sample), Some(share)) = (sample, share) else {
@@ -50,7 +52,8 @@ impl Studio {
             if sample.lit {
                 let reach = (reach + 1.0) * core::f64::consts::SQRT_2 * on_surface;
                 let reach = 2.0 + reach / truth.lens.pixel_size(sample.point);
-                if truth.to_boundary(pixel).is_none_or(|edge| edge > reach) {
+                let is_far = to_mixed[pixel] > reach;
+                if is_far && truth.to_boundary(pixel).is_none_or(|edge| edge > reach) {
                     lit += 1;
                     marks[pixel] = *share < 0.9;
                     stained += usize::from(marks[pixel]);

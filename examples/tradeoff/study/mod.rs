@@ -6,7 +6,7 @@ pub mod alternatives;
 pub mod cases;
 pub mod cost;
 pub mod day;
-mod drawn;
+pub mod drawn;
 pub mod faults;
 pub mod flicker;
 pub mod maps;

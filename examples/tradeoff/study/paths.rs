@@ -14,11 +14,12 @@ use bevy_pssm::ShadowPlans;
 use serde::Serialize;
 
 use super::{
-    drawn::{DrawnShare, Work, percent},
+    drawn::{Drawn, Work, percent},
     gather::Geometry,
     light::Reference,
     maps::{Map, maps_of},
     path::{FRAMES, Looks, Path, RATE, rise},
+    row::rounded,
     settings::{Setting, Technique},
     studio::{Stance, Studio},
     trace::{Lens, Sample, Tracer},
@@ -29,8 +30,9 @@ const AROUND: [f64; 6] = [-0.3, -0.12, -0.05, 0.05, 0.12, 0.3];
 /// A map keeps its grid if its texels move by whole texels, but for so many.
 const SAME_GRID: f64 = 0.05;
 /// Settings that are followed unless others are asked for.
-pub const FOLLOWED: [&str; 6] = [
+pub const FOLLOWED: [&str; 7] = [
     "steady 2048",
+    "steady 2048 delay 4",
     "stable 2048",
     "tight 2048",
     "warped 2048",
@@ -47,8 +49,8 @@ pub struct Steadiness {
     pub grid_changes: usize,
     /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
-    /// What is drawn where maps are held while they serve, in percent of drawing them in each frame.
-    pub drawn: DrawnShare,
+    /// What is drawn into maps.
+    pub drawn: Drawn,
 }
 
 /// A frame of a path, as needed to read pictures of it.
@@ -149,7 +151,7 @@ impl Studio {
             held,
             work: every,
         } = self.pass_along(route, setting);
-        let drawn = self.share_drawn(&route.stances, every);
+        let drawn = self.drawn_along(&route.stances, every);
         let step = changes.len().div_ceil(route.looks.most_changes).max(1);
         let mut looked_at = route.looks.frames.clone();
         looked_at.extend(changes.iter().step_by(step));
@@ -345,12 +347,66 @@ pub struct PathRow {
     pub grid_changes: usize,
     /// Points whose answer is not the truth, in the frames looked at (percent).
     pub wrong_pct: f64,
-    /// Maps drawn where those that serve are held, in percent of all in each frame.
-    pub maps_drawn_pct: f64,
-    /// Triangles drawn into them, in percent of all maps' in each frame.
-    pub triangles_drawn_pct: f64,
-    /// The same, with one in a hundred casters moving.
-    pub triangles_drawn_moving_pct: f64,
+    /// What is drawn in all frames if all maps are: maps,
+    pub maps_always: usize,
+    /// casters into maps,
+    pub casters_always: usize,
+    /// their triangles,
+    pub triangles_always: usize,
+    /// and texels that are cleared.
+    pub texels_always: u64,
+    /// The same where maps that serve are held; texels that are copied count, too.
+    pub maps: usize,
+    /// …
+    pub casters: usize,
+    /// …
+    pub triangles: usize,
+    /// …
+    pub texels: u64,
+    /// The same with one in a hundred casters moving.
+    pub casters_moving: usize,
+    /// …
+    pub triangles_moving: usize,
+    /// …
+    pub texels_moving: u64,
     /// And with all of them.
-    pub triangles_drawn_all_moving_pct: f64,
+    pub casters_all_moving: usize,
+    /// …
+    pub triangles_all_moving: usize,
+    /// …
+    pub texels_all_moving: u64,
+}
+
+impl PathRow {
+    /// What one setting is worth along one path of a scene.
+    pub fn new(scene: &str, setting: &str, path: &'static str, found: &Steadiness) -> Self {
+        let Drawn {
+            always,
+            still,
+            few,
+            all,
+        } = found.drawn;
+        Self {
+            scene: scene.to_owned(),
+            setting: setting.to_owned(),
+            path,
+            changed_pct_per_second: rounded(found.changed_pct),
+            grid_changes: found.grid_changes,
+            wrong_pct: rounded(found.wrong_pct),
+            maps_always: always.maps,
+            casters_always: always.casters,
+            triangles_always: always.triangles,
+            texels_always: always.texels,
+            maps: still.maps,
+            casters: still.casters,
+            triangles: still.triangles,
+            texels: still.texels,
+            casters_moving: few.casters,
+            triangles_moving: few.triangles,
+            texels_moving: few.texels,
+            casters_all_moving: all.casters,
+            triangles_all_moving: all.triangles,
+            texels_all_moving: all.texels,
+        }
+    }
 }

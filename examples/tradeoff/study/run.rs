@@ -12,14 +12,14 @@ use super::{
     maps::{maps_of, texels_per_pixel},
     settings::{Setting, Technique},
     studio::{Stance, Studio},
-    trace::Tracer,
+    trace::{Rays, Tracer},
 };
 
 /// How thoroughly to look.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
     /// Rays across a pixel, for fractions.
-    pub rays: u32,
+    pub rays: Rays,
     /// Poses at which flicker is measured, the first ones.
     pub flicker_poses: usize,
     /// Steps of each motion.

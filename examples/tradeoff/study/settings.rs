@@ -211,6 +211,7 @@ pub fn grid(preset: &ParallelSplitShadows, quick: bool) -> Vec<Setting> {
         steady("logarithmic", &|config| {
             config.splits = SplitScheme::Logarithmic;
         }),
+        steady("delay 4", &|config| config.delay = 4),
         steady("no blend", &|config| config.blend = 0.0),
         steady("no fade", &|config| config.fade = 0.0),
         steady("3 cascades", &|config| config.cascades = 3),
