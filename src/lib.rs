@@ -96,9 +96,9 @@ pub use render::{AdoptedMap, DrawShadowMap, PssmRenderSystems, ShadowTarget};
 pub use shaders::ShaderFeatures;
 #[doc(inline)]
 pub use systems::{
-    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD,
-    ManagedLight, PssmSystems, ShadowGridOrigin, ShadowMemoryLimit, ShadowPlans, ShadowUpdates,
-    SharesShadowsWith,
+    BoundsMargin, CameraCut, CascadeSet, CasterCascades, MAPS_ADDED_TO, MAPS_DRAWN,
+    MAPS_DRAWN_UNPLANNED, MAPS_HELD, ManagedLight, MapCounts, PssmSystems, ShadowGridOrigin,
+    ShadowMemoryLimit, ShadowPlans, ShadowUpdates, SharesShadowsWith,
 };
 
 use bevy::{

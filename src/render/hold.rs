@@ -26,7 +26,7 @@ use bevy::{
 };
 
 use super::{ExtractedShadows, added::AddedViews, layout::AdoptedMap, target::ShadowTarget};
-use crate::systems::EditedCasters;
+use crate::systems::{EditedCasters, UnplannedMaps};
 
 /// What the layers hold, by view.
 #[derive(Resource, Debug, Default)]
@@ -122,6 +122,7 @@ pub(super) struct Unsettled<'w, 's> {
     dirty: Res<'w, DirtySpecializations>,
     extracted: Res<'w, ExtractedShadows>,
     edited: Res<'w, EditedCasters>,
+    unplanned: Res<'w, UnplannedMaps>,
     pending: Res<'w, PendingShadowQueues>,
 }
 
@@ -228,6 +229,8 @@ pub(super) fn hold_maps(
         if keeps {
             commands.entity(it.entity).remove::<ExtractedView>();
         }
+        let is_unplanned = it.map.may_keep && !keeps;
+        unsettled.unplanned.note(is_unplanned.into());
         let map = DrawnMap {
             content,
             view,

@@ -56,7 +56,7 @@ use crate::{
     config::MAX_CASCADES,
     shaders,
     support::{Obstacle, Requirements, ShadowSupport},
-    systems::{DisplacedMeshes, EditedCasters, PssmSystems},
+    systems::{DisplacedMeshes, EditedCasters, PssmSystems, UnplannedMaps},
 };
 
 /// The plugin's system sets in the render world.
@@ -87,6 +87,7 @@ pub(crate) fn build(app: &mut App) {
     let support = app.world().resource::<ShadowSupport>().clone();
     let displaced = app.world().resource::<DisplacedMeshes>().clone();
     let edited = app.world().resource::<EditedCasters>().clone();
+    let unplanned = app.world().resource::<UnplannedMaps>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
@@ -94,6 +95,7 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(support)
         .insert_resource(displaced)
         .insert_resource(edited)
+        .insert_resource(unplanned)
         .init_resource::<ExtractedShadows>()
         .init_resource::<pipelines::CompiledFeatures>()
         .init_gpu_resource::<ShadowTarget>()

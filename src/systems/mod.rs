@@ -25,7 +25,9 @@ pub use caster_state::ShadowUpdates;
 pub use changes::{ChangedCasters, find_changes};
 pub use cull::cull_casters;
 pub use cut::CameraCut;
-pub use diagnostics::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD};
+pub use diagnostics::{
+    MAPS_ADDED_TO, MAPS_DRAWN, MAPS_DRAWN_UNPLANNED, MAPS_HELD, MapCounts, UnplannedMaps,
+};
 pub use edits::EditedCasters;
 pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};

@@ -177,22 +177,24 @@ fn finest(plans: &[CascadePlan]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// A zoom changes a stable map's texels now and then, not with every frame.
+/// A zoom, or a window that is resized, changes texels now and then, not with every frame.
 #[test]
-fn zooms_change_stable_maps_in_steps() {
-    let changes = |slack| {
-        let config = ParallelSplitShadows {
-            slack,
-            ..Default::default()
-        };
+fn zooms_and_windows_change_maps_in_steps() {
+    let zoom: fn(f32) -> Shot = |step| Shot {
+        fov: 0.8 - 0.004 * step,
+        ..STANDING
+    };
+    let resize: fn(f32) -> Shot = |step| Shot {
+        aspect: 1.6 + 0.01 * step,
+        ..STANDING
+    };
+    let changes = |fit: CascadeFit, slack, shot: fn(f32) -> Shot| {
+        let config = ParallelSplitShadows { slack, ..with(fit) };
         let mut history = PlanHistory::default();
         let mut changes = 0;
         let mut before = None;
         for step in 0..100 {
-            let shot = Shot {
-                fov: 0.8 - 0.004 * step as f32,
-                ..STANDING
-            };
+            let shot = shot(step as f32);
             let now = texels(&shot.plan(&config, DVec3::ZERO, &mut history));
             if let Some(before) = before.replace(now.clone()) {
                 changes += now.iter().zip(&before).filter(|(a, b)| a != b).count();
@@ -200,9 +202,18 @@ fn zooms_change_stable_maps_in_steps() {
         }
         changes
     };
-    let [none, some] = [0.0, 0.1].map(changes);
-    assert!(none > 390, "{none} of 396");
-    assert!(some < 80, "{some} of 396");
+    for (fit, shot, least, most) in [
+        (CascadeFit::Stable, zoom, 390, 80),
+        (CascadeFit::Stable, resize, 390, 80),
+        (CascadeFit::Steady, zoom, 390, 80),
+        (CascadeFit::Steady, resize, 290, 80),
+    ] {
+        let [none, some] = [0.0, 0.1].map(|slack| changes(fit.clone(), slack, shot));
+        assert!(
+            none > least && some < most,
+            "{fit:?}: {none}, {some} of 396"
+        );
+    }
 }
 
 /// Where split planes fall together at the end of what is seen, shadows do not fade before it.

@@ -11,7 +11,10 @@ use bevy::{
     prelude::*,
     render::{Render, RenderApp, RenderSystems, camera::DirtySpecializations, view::ExtractedView},
 };
-use bevy_pssm::{MAPS_ADDED_TO, MAPS_DRAWN, MAPS_HELD, prelude::*, render::AdoptedMap};
+use bevy_pssm::{
+    MAPS_ADDED_TO, MAPS_DRAWN, MAPS_DRAWN_UNPLANNED, MAPS_HELD, ShadowPlans, prelude::*,
+    render::AdoptedMap,
+};
 use image::RgbaImage;
 
 use crate::{
@@ -139,6 +142,36 @@ fn at_rest_nothing_is_drawn_and_what_changes_is() {
     };
     let (first, later) = cost(&nudge);
     assert!(first <= 1 && later == 0, "{first} then {later}");
+}
+
+/// An edit of a material is known to the renderer only, which draws maps that plans hold.
+#[test]
+fn maps_drawn_for_edits_are_counted() {
+    let (mut stage, sun) = stage(shadows());
+    let caster = blocks(&mut stage)[0];
+    let mut step = || {
+        stage.step();
+        let world = stage.world();
+        let store = world.resource::<DiagnosticsStore>();
+        let count = |path: &DiagnosticPath| store.get_measurement(path).map(|it| it.value);
+        let [drawn, held, unplanned] = [&MAPS_DRAWN, &MAPS_HELD, &MAPS_DRAWN_UNPLANNED].map(count);
+        let counts = world.get::<ShadowPlans>(sun).expect("plans").counts();
+        assert_eq!(
+            (Some(counts.drawn as f64), Some(counts.held as f64)),
+            (drawn, held)
+        );
+        assert!(counts.drawn == 0 && counts.added_to == 0 && counts.held >= 3);
+        if unplanned == Some(0.0) {
+            let material = world.get::<MeshMaterial3d<StandardMaterial>>(caster);
+            let material = material.expect("a material").0.clone();
+            let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+            materials.get_mut(&material).expect("one").emissive.red += 0.01;
+        }
+        unplanned
+    };
+    // Edited after the first; drawn in the second, which the third tells of.
+    assert_eq!([step(), step()], [Some(0.0); 2]);
+    assert!(step() >= Some(1.0));
 }
 
 /// What a game does to one of its casters in a frame. Bevy 0.20 draws triangles of other meshes, in all passes, once
