@@ -441,7 +441,7 @@ fn the_terminator_is_smooth() {
         ] {
             let name = format!("{fit:?}_{size}").replace(['(', ')'], "");
             let ours = dark(name.clone(), Setting::pssm(name.clone(), with(fit, size)));
-            if ours > bevys.max(1.0) {
+            if ours > bevys.max(0.1) {
                 failures += &format!("{case:?} {is_deferred} {name}: {ours} Bevy {bevys}\n");
             }
         }

@@ -80,21 +80,35 @@ impl Studio {
     }
 
     /// Percent of the pixels near the terminator of smooth-shaded meshes, where the sun shines on the
-    /// surface that is shaded, that get less than half of its light; and by pixel whether it does.
+    /// surface that is shaded, and no shadow is cast nearby, that get less than half of its light; and by
+    /// pixel whether it does.
     pub fn terminator_faults(&mut self, view: &View, shares: &[Option<f32>]) -> (f64, Vec<bool>) {
         /// Farther from it, facets face the sun themselves (cosine of the angle to the sun).
         const NEAR: core::ops::Range<f64> = 0.005..0.35;
+        /// Edges of shadows that are cast are this wide (pixels, either way).
+        const EDGE: usize = 3;
         let to_sun = self.sun_direction();
         let tracer = Tracer::new(Geometry::gather(self.world()));
+        let samples = view.truth.samples.iter();
+        let lights = samples.map(|sample| sample.and_then(|it| tracer.smooth_light(&it, to_sun)));
+        let lights: Vec<_> = lights.collect();
+        let [width, height] = self.size.to_array().map(|side| side as usize);
+        let is_cast_near = |pixel: usize| {
+            let around = |at: usize, end: usize| at.saturating_sub(EDGE)..(at + EDGE + 1).min(end);
+            let mut rows = around(pixel / width, height);
+            rows.any(|y| {
+                around(pixel % width, width)
+                    .any(|x| lights[y * width + x].is_some_and(|(_, lit)| !lit))
+            })
+        };
         let (mut near, mut dark) = (0, 0);
-        let marks = view
-            .truth
-            .samples
+        let marks = lights
             .iter()
             .zip(shares)
-            .map(|(sample, share)| {
-                let light = sample.and_then(|sample| tracer.smooth_light(&sample, to_sun));
+            .enumerate()
+            .map(|(pixel, (light, share))| {
                 let is_near = light.is_some_and(|(cosine, lit)| lit && NEAR.contains(&cosine));
+                let is_near = is_near && !is_cast_near(pixel);
                 let is_dark = is_near && share.is_some_and(|share| share < 0.5);
                 near += usize::from(is_near);
                 dark += usize::from(is_dark);
