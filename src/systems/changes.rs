@@ -96,6 +96,9 @@ impl ChangedCasters {
 /// More changed casters than this are not told apart: most maps hold some.
 const MOST: usize = 4096;
 
+/// The same of very many meshes, as a share of them: one in so many.
+const SHARE: usize = 32;
+
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(
     mut commands: Commands,
@@ -148,6 +151,7 @@ pub fn find_changes(
         changed.late.push(entity);
     }
 
+    let most = MOST.max(meshes.iter().len() / SHARE);
     let mut is_flood = changed.are_records_old;
     if changed.are_records_old && !changed.sample.is_empty() {
         let mut of_sample = Found::default();
@@ -157,7 +161,7 @@ pub fn find_changes(
                 of_sample.compare(&mut it, &surroundings, &displaced, &changed.moving);
             }
         }
-        is_flood = changed.sample.tell_flood(&of_sample, MOST);
+        is_flood = changed.sample.tell_flood(&of_sample, most);
         if is_flood && changed.sample.is_believed() {
             lost.clear();
             changed.forget();
@@ -178,7 +182,7 @@ pub fn find_changes(
     if changed.are_records_old {
         changed.forget();
         let last = core::mem::take(&mut changed.sample);
-        if is_flood && suspects.len() > MOST {
+        if is_flood && suspects.len() > most {
             changed.sample = last.renewed(&suspects, changed.frame);
             let mut sample = meshes.iter_many_mut(&changed.sample.meshes);
             while let Some(it) = sample.fetch_next() {
@@ -198,7 +202,7 @@ pub fn find_changes(
         );
         let mut restless = Vec::new();
         restless_by.drain_into(&mut restless);
-        if restless.len() <= MOST {
+        if restless.len() <= most {
             changed.moving.update(restless);
         }
         changed.are_records_old = false;
@@ -211,7 +215,7 @@ pub fn find_changes(
         suspects.for_each_init(
             || found_by.borrow_local_mut(),
             |found, it| match it {
-                Ok(mut it) if !found.is_flood(MOST) => {
+                Ok(mut it) if !found.is_flood(most) => {
                     found.compare(&mut it, &surroundings, &displaced, &changed.moving);
                 }
                 _ => (),
@@ -230,7 +234,7 @@ pub fn find_changes(
             }
         }
     }
-    if found.is_flood(MOST) {
+    if found.is_flood(most) {
         // Not all have been compared.
         changed.are_records_old = true;
         changed.forget();
@@ -242,7 +246,7 @@ pub fn find_changes(
     let moving = core::mem::take(&mut found.moving);
     let mut released = changed.moving.update(moving);
     released.extend(stopped);
-    let are_too_many = changed.moving.len() > MOST;
+    let are_too_many = changed.moving.len() > most;
     if are_too_many {
         changed.moving.clear();
     }

@@ -406,6 +406,33 @@ fn floods_of_changes_pass() {
     assert!((0..10).all(|_| !frame()));
 }
 
+/// Of very many meshes more may move before they count as a flood.
+#[test]
+fn few_of_very_many_are_no_flood() {
+    let mut app = app();
+    camera(&mut app);
+    sun(&mut app, ParallelSplitShadows::default());
+    let boxes = many_boxes(&mut app, 400);
+    app.update();
+    app.update();
+    let changes = |app: &App| app.world().resource::<ChangedCasters>().get().clone();
+    let mut frame = |every: usize| {
+        let moved: Vec<Entity> = boxes.iter().copied().step_by(every).collect();
+        lift(&mut app, &moved, 0.01);
+        app.update();
+        (moved.len(), changes(&app))
+    };
+    // They begin to move, and are drawn over what rests from then on.
+    let (count, begin) = frame(35);
+    assert!(count > 4500 && begin == CasterChanges::Anywhere, "{count}");
+    for _ in 0..3 {
+        let (_, changes) = frame(35);
+        assert!(changes.are_none(), "{changes:?}");
+    }
+    frame(20);
+    assert_eq!(frame(20).1, CasterChanges::Anywhere);
+}
+
 /// Whichever meshes tell of a flood, they do not tell for ever: it is over where no others change any more.
 #[test]
 fn few_do_not_stand_for_a_flood_for_long() {
