@@ -38,7 +38,7 @@
 //! - The feature `experimental_pcss` gives lights Bevy's `soft_shadow_size`, which asks for soft shadows
 //!   where the filter is left to the camera.
 //! - [`ShaderFeatures`] says what of the shader is compiled in: what settings have asked for so far.
-//! - [`MAPS_DRAWN`], [`MAPS_ADDED_TO`] and [`MAPS_HELD`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
+//! - [`MAPS_DRAWN`], [`MAPS_ADDED_TO`], [`MAPS_HELD`] and [`MAPS_DRAWN_UNPLANNED`] count maps as Bevy diagnostics; `RenderDiagnosticsPlugin` reports
 //!   each map that is drawn as `pssm_shadow_map_0` and so on, and what moves in it as `pssm_moving_casters_0`.
 //!
 //! # Limits
