@@ -19,7 +19,7 @@ use image::RgbaImage;
 
 use crate::{
     compare::{assert_identical, share_differing},
-    scene::{SCENES, ScenesPlugin, Stream},
+    scene::{SCENES, SceneEntity, ScenesPlugin, Stream},
     scene_stage::SceneStage,
     stage::take_turn,
     study::{
@@ -89,6 +89,39 @@ fn scenes_are_as_large_as_the_papers() {
         };
         assert_eq!(lens.far, far, "{name}");
     }
+}
+
+/// Houses look at the streets around their blocks, and none stands in one.
+#[test]
+fn the_town_has_streets() {
+    // Between balconies (meters).
+    const HALF_STREET: f32 = 3.5;
+    let _turn = take_turn();
+    let mut stage = plain_stage("town", UVec2::splat(64));
+    assert_eq!(stage.stats().objects, 384 + 336 + 2 * 144);
+    let world = stage.world();
+    let mut objects = world.query_filtered::<(&Transform, &Aabb), With<SceneEntity>>();
+    let houses = objects
+        .iter(world)
+        .filter(|(place, _)| place.scale.y >= 12.0);
+    let mut count = 0;
+    for (place, bounds) in houses {
+        count += 1;
+        // From the middle of the street that it looks at: streets lie 70 m and 54 m apart.
+        let ahead = *place.forward();
+        let (at, facing, pitch) = if ahead.x.abs() > 0.5 {
+            (place.translation.x, ahead.x, 70.0)
+        } else {
+            (place.translation.z, ahead.z, 54.0)
+        };
+        let front = at * facing.signum() + place.scale.z * bounds.half_extents.z;
+        let to_street = pitch - front.rem_euclid(pitch);
+        assert!(
+            (HALF_STREET..HALF_STREET + 2.0).contains(&to_street),
+            "{place:?} {to_street}"
+        );
+    }
+    assert_eq!(count, 384);
 }
 
 /// Somewhere over the inner half of the ground, looking about.
