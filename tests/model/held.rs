@@ -723,29 +723,33 @@ fn budgets_say_how_many_are_drawn_in_a_frame() {
     }
 }
 
-/// Who has waited longest goes first, though a nearer map is due.
+/// Who has waited longest goes first, though nearer maps are due in every frame, and though it is larger than
+/// the budget.
 #[test]
 fn budgets_keep_room_for_who_has_waited() {
     let nothing = CasterChanges::At(Vec::new());
-    let mut walker = Walker::new(CascadeFit::Steady);
-    walker.config.delay = 8;
-    walker.config.update_budget = UpdateBudget::Maps(2);
-    walker.plan(&nothing);
-    walker.plan(&nothing);
-    let drawn = [0, 1, 2].map(|frame| {
-        let changes = if frame < 2 {
-            &CasterChanges::Anywhere
-        } else {
-            &nothing
-        };
-        let drawn = reasons(&walker.plan(changes));
-        drawn.iter().map(Option::is_some).collect::<Vec<_>>()
-    });
-    let (near, far) = (
-        vec![true, true, false, false],
-        vec![false, false, true, true],
-    );
-    assert_eq!(drawn, [near.clone(), far, near]);
+    for (budget, expected) in [
+        (
+            UpdateBudget::Maps(2),
+            [vec![0, 1], vec![2, 3], vec![0, 1], vec![2, 3]],
+        ),
+        (
+            UpdateBudget::Texels(1),
+            [vec![0], vec![1], vec![2], vec![3]],
+        ),
+    ] {
+        let mut walker = Walker::new(CascadeFit::Steady);
+        walker.config.delay = 60;
+        walker.config.update_budget = budget;
+        walker.plan(&nothing);
+        walker.plan(&nothing);
+        for expected in expected {
+            let drawn = reasons(&walker.plan(&CasterChanges::Anywhere));
+            let drawn = drawn.iter().enumerate().filter(|(_, why)| why.is_some());
+            let drawn: Vec<_> = drawn.map(|(index, _)| index).collect();
+            assert_eq!(drawn, expected, "{budget:?}");
+        }
+    }
 }
 
 /// Maps that wait to be drawn anew are not only added to when it is their turn.
