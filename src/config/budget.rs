@@ -6,15 +6,18 @@ use serde::{Deserialize, Serialize};
 
 use super::{ConfigError, MAX_CASCADES};
 
+/// What editors offer.
+const OFFERED_TEXELS: core::ops::RangeInclusive<u32> = (1 << 16)..=(1 << 28);
+
 /// What is drawn in a frame of those of a camera's maps that may wait
 /// ([`delay`](super::ParallelSplitShadows::delay)). One map is drawn whatever it takes.
 #[derive(Reflect, Serialize, Deserialize, Debug, Clone, Copy, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum UpdateBudget {
     /// So many maps (1 to 4).
-    Maps(u32),
+    Maps(#[reflect(@1..=MAX_CASCADES as u32)] u32),
     /// Maps of so many texels, all together: for maps of unequal sizes.
-    Texels(u64),
+    Texels(#[reflect(@OFFERED_TEXELS)] u32),
 }
 
 impl Default for UpdateBudget {
@@ -29,7 +32,7 @@ impl UpdateBudget {
             Self::Maps(count) => {
                 ConfigError::check_range("update_budget", count, 1..=MAX_CASCADES as u32)
             }
-            Self::Texels(count) => ConfigError::check_range("update_budget", count, 1..=u64::MAX),
+            Self::Texels(count) => ConfigError::check_range("update_budget", count, 1..=u32::MAX),
         }
     }
 
@@ -37,7 +40,7 @@ impl UpdateBudget {
     pub(crate) fn whole(self) -> u64 {
         match self {
             Self::Maps(count) => count.into(),
-            Self::Texels(count) => count,
+            Self::Texels(count) => count.into(),
         }
     }
 

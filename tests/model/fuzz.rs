@@ -391,7 +391,7 @@ fn config() -> impl Strategy<Value = ParallelSplitShadows> {
         count(0..61),
         prop_oneof![
             count(1..5).prop_map(UpdateBudget::Maps),
-            (1..u64::MAX).prop_map(UpdateBudget::Texels),
+            (1..u32::MAX).prop_map(UpdateBudget::Texels),
         ],
     );
     (

@@ -679,7 +679,7 @@ fn maps_that_may_wait_are_drawn_one_after_the_other() {
 fn budgets_say_how_many_are_drawn_in_a_frame() {
     let nothing = CasterChanges::At(Vec::new());
     let sizes = MapSize::PerCascade(vec![[2048; 2], [1024; 2], [512; 2], [512; 2]]);
-    let million = |count: u64| UpdateBudget::Texels(count << 20);
+    let million = |count: u32| UpdateBudget::Texels(count << 20);
     for (budget, expected) in [
         (UpdateBudget::Maps(1), [vec![0], vec![1], vec![2], vec![3]]),
         (

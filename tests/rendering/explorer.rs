@@ -370,11 +370,10 @@ fn every_field_has_a_row_and_every_choice_holds() {
                 for position in [0.0, 0.5, 1.0] {
                     let value = track.value(position);
                     settings::set_number(&mut shadows, &inner.path, value);
-                    assert!(
-                        (track.position(value) - position).abs() < 0.02,
-                        "{}",
-                        inner.path
-                    );
+                    // Few whole numbers lie far apart.
+                    let off = (track.position(value) - position).abs();
+                    let nearest = if *whole { 0.501 * track.step() } else { 0.0 };
+                    assert!(off < nearest.max(0.02), "{}", inner.path);
                 }
                 forms += 1;
             }

@@ -322,7 +322,9 @@ fn variant(info: &TypeInfo, chosen: usize) -> Option<DynamicEnum> {
 fn first_value(name: &str, info: &TypeInfo) -> Option<Box<dyn PartialReflect>> {
     let number = match name {
         "lambda" => 0.9,
+        "Texels" if info.is::<u32>() => 4_194_304.0,
         "gamma" | "Texels" => 2.0,
+        "Maps" => 1.0,
         "focus" => 0.3,
         "sharpness" | "Strength" => 0.5,
         "sun_degrees" => 0.53,
