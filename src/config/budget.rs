@@ -39,8 +39,7 @@ impl UpdateBudget {
     /// What there is of it in a frame.
     pub(crate) fn whole(self) -> u64 {
         match self {
-            Self::Maps(count) => count.into(),
-            Self::Texels(count) => count.into(),
+            Self::Maps(count) | Self::Texels(count) => count.into(),
         }
     }
 
