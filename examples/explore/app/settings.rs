@@ -324,7 +324,6 @@ fn first_value(name: &str, info: &TypeInfo) -> Option<Box<dyn PartialReflect>> {
         "lambda" => 0.9,
         "Texels" if info.is::<u32>() => 4_194_304.0,
         "gamma" | "Texels" => 2.0,
-        "Maps" => 1.0,
         "focus" => 0.3,
         "sharpness" | "Strength" => 0.5,
         "sun_degrees" => 0.53,
@@ -332,7 +331,7 @@ fn first_value(name: &str, info: &TypeInfo) -> Option<Box<dyn PartialReflect>> {
         "Halving" => 4096.0,
         "Budget" => 16_777_216.0,
         "Meters" | "meters" => 0.05,
-        "bias" | "factor" | "texels" => 1.0,
+        "bias" | "factor" | "texels" | "Maps" => 1.0,
         _ => 0.0,
     };
     Some(match info {
