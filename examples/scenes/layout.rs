@@ -115,7 +115,7 @@ fn around(size: Vec2, spacing: f32) -> impl Iterator<Item = Place> {
     sides.into_iter().flat_map(move |(along, facing)| {
         let length = (along * size).length();
         let count = (length / spacing).floor().max(1.0) as u32;
-        // A side lies to the left of its direction, seen from the middle.
+        // A quarter turn from the side's direction.
         let out = Vec2::new(along.y, -along.x);
         (0..count).map(move |i| Place {
             at: 0.5 * out * size + along * length * ((i as f32 + 0.5) / count as f32 - 0.5),

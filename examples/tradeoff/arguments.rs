@@ -8,7 +8,7 @@ use clap::{Parser, ValueEnum, value_parser};
 
 use crate::{
     scene::{SCENES, SceneDescription},
-    study::settings::Setting,
+    study::{path::Path as CameraWay, settings::Setting},
 };
 
 /// What every desktop GPU of the last decade allows (texels per side).
@@ -47,7 +47,7 @@ pub struct Arguments {
     pub quick: bool,
     /// Steadiness and work too, along paths of ten seconds, of each fit and of Bevy's own at 2048²: paths.csv. All
     /// paths, or those whose names begin so: rest, walk, run, drive, turn, look, zoom, three cuts.
-    #[arg(long, num_args = 0.., value_name = "PATH")]
+    #[arg(long, num_args = 0.., value_name = "PATH", value_parser = start_of_path)]
     pub paths: Option<Vec<String>>,
     /// Of each path's 600 frames, one in so many is looked at: fewer tell more, and take longer.
     #[arg(long, value_name = "N", default_value_t = 120, value_parser = frames_apart)]
@@ -68,6 +68,18 @@ pub enum Baseline {
     Bevy,
     /// Nothing.
     None,
+}
+
+fn start_of_path(text: &str) -> Result<String, String> {
+    let mut names = CameraWay::ALL.iter().map(|(name, _)| *name);
+    if names.any(|name| name.starts_with(text)) {
+        return Ok(text.to_owned());
+    }
+    let names: Vec<_> = CameraWay::ALL.iter().map(|(name, _)| *name).collect();
+    Err(format!(
+        "no path begins so; there are: {}",
+        names.join("; ")
+    ))
 }
 
 fn frames_apart(text: &str) -> Result<usize, String> {

@@ -105,6 +105,13 @@ fn reasons(plans: &[CascadePlan]) -> Vec<Option<Redraw>> {
     maps.map(|map| map.redraw).collect()
 }
 
+/// Which maps are drawn.
+fn drawn(plans: &[CascadePlan]) -> Vec<usize> {
+    let reasons = reasons(plans).into_iter().enumerate();
+    let drawn = reasons.filter(|(_, why)| why.is_some());
+    drawn.map(|(index, _)| index).collect()
+}
+
 #[test]
 fn while_a_camera_moves_few_maps_are_drawn() {
     for (fit, most) in fits().into_iter().zip([
@@ -715,9 +722,7 @@ fn budgets_say_how_many_are_drawn_in_a_frame() {
             } else {
                 &nothing
             };
-            let drawn = reasons(&walker.plan(changes));
-            let drawn = drawn.iter().enumerate().filter(|(_, why)| why.is_some());
-            let drawn: Vec<_> = drawn.map(|(index, _)| index).collect();
+            let drawn = drawn(&walker.plan(changes));
             assert_eq!(drawn, expected, "{budget:?}, frame {frame}");
         }
     }
@@ -744,9 +749,7 @@ fn budgets_keep_room_for_who_has_waited() {
         walker.plan(&nothing);
         walker.plan(&nothing);
         for expected in expected {
-            let drawn = reasons(&walker.plan(&CasterChanges::Anywhere));
-            let drawn = drawn.iter().enumerate().filter(|(_, why)| why.is_some());
-            let drawn: Vec<_> = drawn.map(|(index, _)| index).collect();
+            let drawn = drawn(&walker.plan(&CasterChanges::Anywhere));
             assert_eq!(drawn, expected, "{budget:?}");
         }
     }

@@ -1,5 +1,7 @@
 //! A town's houses and street lamps.
 
+use core::f32::consts::PI;
+
 use bevy::prelude::*;
 
 use super::super::{
@@ -13,8 +15,9 @@ use super::{
     resting,
 };
 
-/// Half a house's width, half its depth, and where its roof begins.
+/// Half a house's width and depth.
 const HALF: Vec2 = Vec2::new(0.36, 0.25);
+/// Where its roof begins.
 const EAVES: f32 = 0.74;
 /// Windows side by side.
 const WINDOWS: u32 = 4;
@@ -49,7 +52,7 @@ pub fn house(style: Style) -> Model {
                 put(&mut body, &pane(0.5 * story, trim), place);
                 let is_middle = window == 1 || window == 2;
                 if level > 0 && is_middle && random.next() < 0.5 {
-                    let turn = Quat::from_rotation_y(if side < 0.0 { 0.0 } else { TURN });
+                    let turn = Quat::from_rotation_y(if side < 0.0 { 0.0 } else { PI });
                     put(&mut body, &balcony(story, trim), place.with_rotation(turn));
                 }
             }
@@ -57,9 +60,6 @@ pub fn house(style: Style) -> Model {
     }
     resting(body, Finish::Matte)
 }
-
-/// Half a turn.
-const TURN: f32 = core::f32::consts::PI;
 
 /// A window in its frame, on both sides of z = 0.
 fn pane(height: f32, trim: [f32; 3]) -> Body {

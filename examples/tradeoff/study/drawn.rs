@@ -27,7 +27,7 @@ const STEP: f32 = 0.125;
 /// What is drawn.
 #[derive(Debug, Default, Clone, Copy, PartialEq)]
 pub struct Work {
-    /// Maps, or into maps.
+    /// Maps, those included that casters are only added to.
     pub maps: usize,
     /// Casters into maps.
     pub casters: usize,
@@ -43,13 +43,6 @@ impl core::ops::AddAssign for Work {
         self.casters += other.casters;
         self.triangles += other.triangles;
         self.texels += other.texels;
-    }
-}
-
-impl Work {
-    fn plus(mut self, other: Self) -> Self {
-        self += other;
-        self
     }
 }
 
@@ -137,10 +130,11 @@ impl Studio {
         });
         let plans = world.get::<ShadowPlans>(sun).filter(|_| is_ours);
         let plans = plans.and_then(|plans| plans.views.get(&camera));
-        let Some(plans) = plans else {
-            return maps.fold(Work::default(), Work::plus);
-        };
         let mut work = Work::default();
+        let Some(plans) = plans else {
+            maps.for_each(|map| work += map);
+            return work;
+        };
         for (plan, whole) in plans.iter().zip(maps) {
             work += match plan.map.as_ref().and_then(|map| map.redraw) {
                 None => Work::default(),
