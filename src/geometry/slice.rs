@@ -46,17 +46,7 @@ impl ViewVolume {
     pub fn new(world_from_view: DAffine3, clip_from_view: &Mat4) -> Option<Self> {
         let m = clip_from_view;
         let (near, far) = (near_plane(m), far_plane(m));
-        let corner = |ndc: DVec2| -> Option<[DVec2; 2]> {
-            let x = edge(m.row(0), m.row(3), ndc.x)?;
-            let y = edge(m.row(1), m.row(3), ndc.y)?;
-            Some([DVec2::new(x[0], y[0]), DVec2::new(x[1], y[1])])
-        };
-        let ends = [corner(DVec2::NEG_ONE)?, corner(DVec2::ONE)?];
-        // Of mirrored projections the other one is the lower.
-        let [one, other] = ends.map(|[at_eye, per_depth]| at_eye + per_depth);
-        let is_lower = one.cmple(other);
-        let [min, max] = [is_lower, !is_lower]
-            .map(|first| [0, 1].map(|term| DVec2::select(first, ends[0][term], ends[1][term])));
+        let [min, max] = sides(m)?;
         let volume = Self {
             eye: world_from_view.translation,
             axes: world_from_view.matrix3,
@@ -231,18 +221,51 @@ fn is_oblique(z_row: Vec4) -> bool {
     z_row.x != 0.0 || z_row.y != 0.0
 }
 
-/// Solves `(row · (x, 0, -d, 1)) = ndc · (w_row · (x, 0, -d, 1))` for `x` as a function of the
-/// depth `d`: value at zero and slope. Cross terms between x and y do not occur in projections.
-fn edge(row: Vec4, w_row: Vec4, ndc: f64) -> Option<[f64; 2]> {
-    let scale = f64::from(row.x.abs().max(row.y.abs()));
-    let sign = f64::from(row.x + row.y).signum();
-    if !(scale > 0.0 && scale.is_finite()) {
-        return None;
+/// The lower and the upper corner of what is seen, as functions of the depth: values at zero and slopes. Of a
+/// picture that is turned, those of a box around it.
+fn sides(m: &Mat4) -> Option<[[DVec2; 2]; 2]> {
+    let corners = [[-1.0, -1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0]];
+    let mut corners = corners.map(|ndc| corner(m, ndc.into()));
+    let is_turned = m.x_axis.y != 0.0 || m.y_axis.x != 0.0;
+    if is_turned {
+        let corners: Option<Vec<_>> = corners.into_iter().collect();
+        let corners = corners?;
+        let end = |most: fn(DVec2, DVec2) -> DVec2| {
+            let of_two =
+                |one: [DVec2; 2], two: [DVec2; 2]| [most(one[0], two[0]), most(one[1], two[1])];
+            corners.iter().copied().reduce(of_two)
+        };
+        return Some([end(DVec2::min)?, end(DVec2::max)?]);
     }
-    let constant = ndc * f64::from(w_row.w) - f64::from(row.w);
-    let slope = f64::from(row.z) - ndc * f64::from(w_row.z);
-    let solved = [sign * constant / scale, sign * slope / scale];
-    solved.iter().all(|x| x.is_finite()).then_some(solved)
+    let ends = [corners[0].take()?, corners[1].take()?];
+    // Of mirrored projections the other one is the lower.
+    let [one, other] = ends.map(|[at_eye, per_depth]| at_eye + per_depth);
+    let is_lower = one.cmple(other);
+    Some(
+        [is_lower, !is_lower]
+            .map(|first| [0, 1].map(|term| DVec2::select(first, ends[0][term], ends[1][term]))),
+    )
+}
+
+/// Solves `row · (x, y, -d, 1) = ndc · (w_row · (0, 0, -d, 1))` in both rows for `x` and `y` as functions of the
+/// depth `d`: values at zero and slopes.
+fn corner(m: &Mat4, ndc: DVec2) -> Option<[DVec2; 2]> {
+    let [x_row, y_row, w_row] = [0, 1, 3].map(|row| m.row(row).as_dvec4());
+    let constants = ndc * w_row.w - DVec2::new(x_row.w, y_row.w);
+    let slopes = DVec2::new(x_row.z, y_row.z) - ndc * w_row.z;
+    let determinant = x_row.x * y_row.y - x_row.y * y_row.x;
+    let solved = [constants, slopes].map(|it| {
+        if x_row.y == 0.0 && y_row.x == 0.0 {
+            return DVec2::new(it.x / x_row.x, it.y / y_row.y);
+        }
+        let solved = DVec2::new(
+            y_row.y * it.x - x_row.y * it.y,
+            x_row.x * it.y - y_row.x * it.x,
+        );
+        solved / determinant
+    });
+    let is_solved = determinant != 0.0 && solved.iter().all(|it| it.is_finite());
+    is_solved.then_some(solved)
 }
 
 /// A convex piece of a view volume between two depths.

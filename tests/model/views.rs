@@ -4,7 +4,7 @@ use bevy::{
     camera::{OrthographicProjection, PerspectiveProjection, Projection},
     math::{DAffine3, DQuat, DVec2, DVec3, Mat4, Quat, Rect, Vec3, Vec4},
 };
-use bevy_pssm::geometry::slice::ViewVolume;
+use bevy_pssm::geometry::{body::ConvexBody, slice::ViewVolume};
 use proptest::prelude::*;
 
 pub fn perspective(fov: f32, aspect_ratio: f32) -> Projection {
@@ -109,6 +109,43 @@ fn slices_of_mirrored_cameras_fill_the_picture() {
                 let off = (ndc.truncate().abs() - 1.0).abs().max_element();
                 assert!(off < 1e-5, "{mirror}: {corner} is at {ndc}");
             }
+        }
+    }
+}
+
+/// As on screens that are held upright, and drawn lying.
+#[test]
+fn slices_of_turned_pictures_hold_all_that_is_seen() {
+    for lens in [perspective(1.1, 1.6), orthographic()] {
+        let lens = lens.get_clip_from_view();
+        for (degrees, is_square) in [(90.0_f32, true), (-90.0, true), (30.0, false)] {
+            let turned = Mat4::from_rotation_z(degrees.to_radians()) * lens;
+            let view = volume_through(&turned, Vec3::ZERO, Quat::IDENTITY, 1.0);
+            let body = ConvexBody::of_slice(&view.slice(5.0, 50.0).expect("not empty"));
+            let world = turned.inverse();
+            for corner in [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]] {
+                let along =
+                    [0.2, 0.8].map(|z| world.project_point3(Vec3::new(corner[0], corner[1], z)));
+                let way = (along[1] - along[0]).as_dvec3();
+                for depth in [5.0, 20.0, 50.0] {
+                    let way = way / way.z * (-depth - f64::from(along[0].z));
+                    let seen = along[0].as_dvec3() + way;
+                    let beyond = body.planes().map(|it| it.normal.dot(seen) - it.distance);
+                    let beyond = beyond.fold(f64::MIN, f64::max);
+                    assert!(beyond < 1e-3, "{degrees}: {seen} by {beyond}");
+                }
+            }
+            let area = |view: &ViewVolume| {
+                let [a, b, c] =
+                    [0, 1, 3].map(|it| view.slice(5.0, 50.0).expect("not empty").corners[it]);
+                a.distance(b) * a.distance(c)
+            };
+            let upright = volume_through(&lens, Vec3::ZERO, Quat::IDENTITY, 1.0);
+            let share = area(&view) / area(&upright);
+            assert!(
+                (share < 1.0 + 1e-5) == is_square,
+                "{degrees}: {share} of the area"
+            );
         }
     }
 }
