@@ -15,10 +15,13 @@ use bevy::{
     pbr::{
         LightEntity, MeshesToReextractNextFrame, PendingShadowQueues, RenderMeshInstances, Shadow,
     },
+    platform::collections::{HashMap, HashSet},
     render::{
         camera::DirtySpecializations,
         render_phase::{BinnedRenderPhase, ViewBinnedRenderPhases},
-        render_resource::{CachedPipelineState, PipelineCache, PipelineDescriptor},
+        render_resource::{
+            CachedPipelineState, CachedRenderPipelineId, PipelineCache, PipelineDescriptor,
+        },
         sync_world::{MainEntity, MainEntityHashSet},
         view::{ExtractedView, RenderShadowMapVisibleEntities, RetainedViewEntity},
     },
@@ -32,6 +35,8 @@ use crate::systems::{EditedCasters, UnplannedMaps};
 #[derive(Resource, Debug, Default)]
 pub(super) struct DrawnMaps {
     maps: EntityHashMap<DrawnMap>,
+    /// Pipelines of casters, and how often they lacked shaders as those were drawn.
+    lacking: HashMap<CachedRenderPipelineId, u32>,
     /// The last extraction that was drawn.
     frame: u64,
 }
@@ -91,9 +96,10 @@ impl DrawnMaps {
         self.is(view, Drawn::Added)
     }
 
-    /// Has all maps drawn anew.
+    /// Has all maps drawn anew, and what they lacked waited for.
     pub fn forget(&mut self) {
         self.maps.clear();
+        self.lacking.clear();
     }
 
     /// For how many frames a view's layer has stayed as it is.
@@ -250,6 +256,9 @@ pub(super) fn hold_maps(
 /// What is missing for so many frames may never come: it is waited for no longer.
 const PATIENCE: u32 = 60;
 
+/// As many frames for pipelines, of which every other one finds their shaders lacking: Bevy tries again in between.
+const MOST_LACKING: u32 = PATIENCE / 2;
+
 /// What maps wait for that is not theirs to know.
 #[derive(Default, PartialEq)]
 pub(super) struct Missing {
@@ -267,10 +276,19 @@ pub(super) fn note_whole_maps(
     late: Option<Res<MeshesToReextractNextFrame>>,
     mut last: Local<(Missing, u32)>,
 ) {
-    let maps = drawn.maps.values_mut();
-    let drawn: Vec<_> = maps.filter(|map| map.drawn != Drawn::Nothing).collect();
-    if drawn.is_empty() {
+    let DrawnMaps { maps, lacking, .. } = &mut *drawn;
+    let drawn = || maps.values().filter(|map| map.drawn != Drawn::Nothing);
+    if drawn().next().is_none() {
         return;
+    }
+    let pipelines_of = |map: &DrawnMap| phases.get(&map.view).into_iter().flat_map(pipelines_of);
+    let state = |pipeline| pipelines.get_render_pipeline_state(pipeline);
+    let lack_now: HashSet<_> = drawn()
+        .flat_map(pipelines_of)
+        .filter(|pipeline| lacks_shaders(state(*pipeline)))
+        .collect();
+    for pipeline in lack_now {
+        *lacking.entry(pipeline).or_default() += 1;
     }
     let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
     let computes = pipelines.pipelines().enumerate().filter(|(_, pipeline)| {
@@ -292,29 +310,46 @@ pub(super) fn note_whole_maps(
     last.1 = if missing == last.0 { last.1 + 1 } else { 0 };
     last.0 = missing;
     let is_there = is_nothing || last.1 > PATIENCE;
-    for map in drawn {
-        let is_whole = is_there
-            && phases.get(&map.view).is_none_or(|phase| {
-                let sets = phase.multidrawable_meshes.keys();
-                let keys = phase
-                    .batchable_meshes
-                    .keys()
-                    .chain(phase.unbatchable_meshes.keys());
-                let mut sets = sets.chain(keys.map(|(set, _)| set));
-                sets.all(|set| !is_on_its_way(pipelines.get_render_pipeline_state(set.pipeline)))
-            });
+    for map in maps.values_mut().filter(|it| it.drawn != Drawn::Nothing) {
+        let is_waited_for = |pipeline| {
+            let may_come = lacking
+                .get(&pipeline)
+                .is_none_or(|times| *times < MOST_LACKING);
+            may_come && is_on_its_way(state(pipeline))
+        };
+        let is_whole = is_there && !pipelines_of(map).any(is_waited_for);
         map.whole = if is_whole { map.whole + 1 } else { 0 };
     }
 }
 
+/// The pipelines that a phase draws with.
+fn pipelines_of(
+    phase: &BinnedRenderPhase<Shadow>,
+) -> impl Iterator<Item = CachedRenderPipelineId> + '_ {
+    let sets = phase.multidrawable_meshes.keys();
+    let keys = phase
+        .batchable_meshes
+        .keys()
+        .chain(phase.unbatchable_meshes.keys());
+    let sets = sets.chain(keys.map(|(set, _)| set));
+    sets.map(|set| set.pipeline)
+}
+
 /// Whether a pipeline may yet be made.
 fn is_on_its_way(state: &CachedPipelineState) -> bool {
-    match state {
-        CachedPipelineState::Queued | CachedPipelineState::Creating(_) => true,
-        CachedPipelineState::Err(error) => matches!(
-            error,
+    let is_made = matches!(
+        state,
+        CachedPipelineState::Queued | CachedPipelineState::Creating(_)
+    );
+    is_made || lacks_shaders(state)
+}
+
+/// Whether a pipeline waits for shaders, which may never come.
+fn lacks_shaders(state: &CachedPipelineState) -> bool {
+    matches!(
+        state,
+        CachedPipelineState::Err(
             ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable
-        ),
-        CachedPipelineState::Ok(_) => false,
-    }
+        )
+    )
 }

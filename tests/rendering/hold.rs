@@ -1,15 +1,20 @@
 //! Maps are drawn when they have to be, and held pictures are those of maps drawn anew.
 
 use bevy::{
-    asset::RenderAssetUsages,
+    asset::{RenderAssetUsages, uuid_handle},
     camera::visibility::{NoCpuCulling, RenderLayers},
     core_pipeline::schedule::RootNonCameraView,
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     ecs::entity_disabling::Disabled,
     light::NotShadowCaster,
-    pbr::{LightEntity, ViewLightEntities},
+    pbr::{ExtendedMaterial, LightEntity, MaterialExtension, MaterialPlugin, ViewLightEntities},
     prelude::*,
-    render::{Render, RenderApp, RenderSystems, camera::DirtySpecializations, view::ExtractedView},
+    reflect::TypePath,
+    render::{
+        Render, RenderApp, RenderSystems, camera::DirtySpecializations,
+        render_resource::AsBindGroup, view::ExtractedView,
+    },
+    shader::ShaderRef,
 };
 use bevy_pssm::{
     MAPS_ADDED_TO, MAPS_DRAWN, MAPS_DRAWN_UNPLANNED, MAPS_HELD, ShadowPlans, prelude::*,
@@ -27,16 +32,20 @@ fn stage(config: ParallelSplitShadows) -> (Stage, Entity) {
     let sun = stage.sun();
     stage.world().entity_mut(sun).insert(config);
     stage.camera();
-    let render_app = stage.headless.app.sub_app_mut(RenderApp);
-    render_app
-        .init_resource::<DrawnViews>()
-        .add_systems(Render, note_drawn_views.in_set(RenderSystems::Prepare));
+    note_drawn(&mut stage);
     stage.headless.settle();
     // Until maps are known to be whole.
     for _ in 0..4 {
         stage.step();
     }
     (stage, sun)
+}
+
+fn note_drawn(stage: &mut Stage) {
+    let render_app = stage.headless.app.sub_app_mut(RenderApp);
+    render_app
+        .init_resource::<DrawnViews>()
+        .add_systems(Render, note_drawn_views.in_set(RenderSystems::Prepare));
 }
 
 /// The views that the last frame drew, in order: whether they are maps' own, and of which light's cascade.
@@ -683,6 +692,74 @@ fn what_loads_late_has_a_shadow_though_its_edits_need_not_show() {
     let (count, held) = load(MapUpdates::WhenNeeded);
     assert_identical("late_and_glowing", &held, &anew);
     assert_eq!(count, 0);
+}
+
+/// What is to discard by a shader of its own.
+#[derive(Asset, AsBindGroup, TypePath, Debug, Clone, Default)]
+struct Late {}
+
+const LATE: Handle<Shader> = uuid_handle!("3f1f6a0e-98b4-4d55-8f83-5b0a2a6f51c7");
+
+impl MaterialExtension for Late {
+    fn prepass_fragment_shader() -> ShaderRef {
+        LATE.into()
+    }
+}
+
+/// A shader that does not come has maps drawn for some time, and not for ever; if it comes after all, its casters are
+/// in maps.
+#[test]
+fn shaders_that_do_not_come_are_not_waited_for_for_ever() {
+    type Material = ExtendedMaterial<StandardMaterial, Late>;
+    let run = |updates: MapUpdates| {
+        let mut stage = Stage::with_app(default(), |app| {
+            app.add_plugins(MaterialPlugin::<Material>::default());
+        });
+        let sun = stage.sun();
+        let comparison = Comparison {
+            updates,
+            ..default()
+        };
+        stage.world().entity_mut(sun).insert(ParallelSplitShadows {
+            comparison,
+            ..shadows()
+        });
+        stage.camera();
+        note_drawn(&mut stage);
+        stage.headless.settle();
+        let near = blocks(&mut stage).pop();
+        let world = stage.world();
+        let material = world.resource_mut::<Assets<Material>>().add(Material {
+            base: StandardMaterial {
+                alpha_mode: AlphaMode::Mask(0.5),
+                ..default()
+            },
+            extension: Late {},
+        });
+        world
+            .entity_mut(near.expect("a block"))
+            .remove::<MeshMaterial3d<StandardMaterial>>()
+            .insert(MeshMaterial3d(material));
+        let mut counts = Vec::new();
+        for _ in 0..100 {
+            stage.step();
+            counts.push(drawn(&mut stage));
+        }
+        let lacking = stage.last_picture();
+        let mut shaders = stage.world().resource_mut::<Assets<Shader>>();
+        let shader = Shader::from_wesl("@fragment fn fragment() {}", "late.wesl");
+        assert!(shaders.insert(&LATE, shader).is_ok());
+        for _ in 0..40 {
+            stage.step();
+        }
+        (counts, lacking, stage.last_picture())
+    };
+    let (_, _, anew) = run(MapUpdates::EveryFrame);
+    let (counts, lacking, held) = run(MapUpdates::WhenNeeded);
+    assert!(counts[5..50].iter().all(|count| *count > 0), "{counts:?}");
+    assert_eq!(counts[90..], [0; 10], "{counts:?}");
+    assert_identical("late_shader", &held, &anew);
+    assert!(lacking != held, "its shadow has come");
 }
 
 /// Gray says for how many frames a map has been held.
