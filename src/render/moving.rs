@@ -21,6 +21,7 @@ use super::{
     second_view::{MapView, Over, SecondView, SecondViews, listed},
     target::ShadowTarget,
 };
+use crate::systems::STILL;
 
 /// Views of what moves, by the maps' own.
 #[derive(Resource, Debug, Default)]
@@ -36,9 +37,6 @@ struct MovingMap {
     shows_any: bool,
     is_drawn: bool,
 }
-
-/// After so many frames without anything that moves, what rests is drawn into the map itself again.
-const PATIENCE: u32 = 120;
 
 impl MovingViews {
     pub fn are_none(&self) -> bool {
@@ -88,7 +86,7 @@ pub(super) fn add_moving_views(
         });
         map.casters = count;
         map.idle = if count == 0 { map.idle + 1 } else { 0 };
-        if map.idle > PATIENCE {
+        if map.idle > STILL {
             second.commands.entity(map.view).despawn();
             continue;
         }

@@ -1,5 +1,7 @@
 //! What a caster's shadow depends on, and whether that has changed.
 
+use core::hash::BuildHasher;
+
 use bevy::{
     asset::AssetId,
     camera::{
@@ -25,6 +27,7 @@ use bevy::{
         morph::{MeshMorphWeights, MorphWeights},
         skinning::SkinnedMesh,
     },
+    platform::hash::FixedHasher,
     reflect::{Reflect, std_traits::ReflectDefault},
     transform::components::GlobalTransform,
 };
@@ -33,6 +36,7 @@ use super::{
     bounds::{BoundsMargin, DisplacedMeshes, Margin, world_bounds},
     casters::is_somewhere,
     moving::MovingCasters,
+    rows::{ROWS, any_newer, newer, rows_where},
 };
 use crate::geometry::oriented_box::OrientedBox;
 
@@ -49,7 +53,7 @@ pub enum ShadowUpdates {
     Automatic,
     /// In every frame.
     Always,
-    /// When it comes or goes, and when the map is drawn anew for another reason. For what changes and need not show it, as a
+    /// When it is spawned, despawned, shown or hidden, and when the map is drawn anew for another reason. For what changes and need not show it, as a
     /// vertex shader that does not move anything, or a material that glows: its first few edits show, for it may be
     /// loading, and then none.
     Never,
@@ -86,8 +90,8 @@ struct CasterKind {
     is_skinned: bool,
     is_morphed: bool,
     layers: RenderLayers,
-    /// The views for which it is in the range of its level of detail.
-    ranges: u32,
+    /// Of the views for which it is in the range of its level of detail.
+    ranges: u64,
 }
 
 impl CasterRecord {
@@ -141,9 +145,6 @@ pub struct ChangingCaster {
     has_range: Has<VisibilityRange>,
 }
 
-/// Rows that are looked over together: those of a mask.
-const ROWS: usize = 64;
-
 impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
     /// The meshes that may have changed: whatever of theirs has been written since the system last ran, or changes by
     /// something else.
@@ -191,27 +192,6 @@ impl ChangingCasterReadOnlyContiguousItem<'_, '_> {
             }
         }
     }
-}
-
-/// Without branches, for several at a time.
-fn any_newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> bool {
-    let age = |tick: Tick| this_run.get().wrapping_sub(tick.get());
-    let oldest = age(last_run);
-    ticks
-        .iter()
-        .fold(false, |any, tick| any | (age(*tick) < oldest))
-}
-
-fn newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> u64 {
-    rows_where(ticks.iter(), |tick| tick.is_newer_than(last_run, this_run))
-}
-
-/// A bit for each of at most 64.
-fn rows_where<T>(column: impl Iterator<Item = T>, is_one: impl Fn(T) -> bool) -> u64 {
-    let rows = column
-        .enumerate()
-        .filter_map(|(row, it)| is_one(it).then_some(row));
-    rows.fold(0, |rows, row| rows | (1 << row))
 }
 
 impl ChangingCasterReadOnlyItem<'_, '_> {
@@ -305,14 +285,14 @@ impl Surroundings<'_, '_> {
         is_bent || is_morphed || is_switched
     }
 
-    fn ranges(&self, it: &ChangingCasterItem) -> u32 {
+    /// A hash of the views, in whatever order, and however many there are besides.
+    fn ranges(&self, it: &ChangingCasterItem) -> u64 {
         let Some(ranges) = self.ranges.as_ref().filter(|_| it.has_range) else {
-            return u32::MAX;
+            return u64::MAX;
         };
-        let in_range = |view| ranges.entity_is_in_range_of_view(it.entity, view);
-        self.cameras
-            .iter()
-            .fold(0, |mask, view| (mask << 1) | u32::from(in_range(view)))
+        let views = self.cameras.iter();
+        let views = views.filter(|view| ranges.entity_is_in_range_of_view(it.entity, *view));
+        views.fold(0, |hash, view| hash ^ FixedHasher.hash_one(view))
     }
 }
 
@@ -321,8 +301,10 @@ impl Surroundings<'_, '_> {
 pub struct Found {
     /// Where casters were and are; `None` for anywhere.
     pub casters: Vec<Option<OrientedBox>>,
-    /// Where those are that have come, and that no map holds.
-    pub come: Vec<OrientedBox>,
+    /// Where those are that have come, and that no map holds; and which, if they may yet move.
+    pub come: Vec<(OrientedBox, Option<Entity>)>,
+    /// Some have come to be in no map any more.
+    pub has_left: bool,
     /// Casters that have moved, or bent.
     pub moving: Vec<Entity>,
     /// Casters that are to count as resting, whatever they do.
@@ -343,6 +325,7 @@ impl Found {
         self.come.append(&mut other.come);
         self.moving.append(&mut other.moving);
         self.resting.append(&mut other.resting);
+        self.has_left |= core::mem::take(&mut other.has_left);
         self.has_receiver |= core::mem::take(&mut other.has_receiver);
     }
 
@@ -385,8 +368,12 @@ impl Found {
                 let (before, now) = (it.record.caster(), state.caster());
                 match (before, now) {
                     (None, Some(Some(_))) if is_over_maps => {}
-                    (None, Some(Some(bounds))) => self.come.push(bounds),
+                    (None, Some(Some(bounds))) => {
+                        let may_move = updates != never;
+                        self.come.push((bounds, may_move.then_some(it.entity)));
+                    }
                     (before, now) => {
+                        self.has_left |= before.is_some() && (now.is_none() || is_over_maps);
                         self.casters.extend(now);
                         self.casters.extend(before.filter(|_| !is_same));
                     }

@@ -9,9 +9,14 @@ use bevy::{
         },
     },
     ecs::{
+        change_detection::DetectChangesMut,
+        component::ComponentId,
         entity::{Entity, EntityHashSet},
-        entity_disabling::Disabled,
-        lifecycle::{Add, Remove, RemovedComponents},
+        entity_disabling::{DefaultQueryFilters, Disabled},
+        lifecycle::{
+            Add, Remove, RemovedComponentEntity, RemovedComponentMessages, RemovedComponents,
+        },
+        message::MessageCursor,
         observer::On,
         query::{With, Without},
         resource::Resource,
@@ -20,6 +25,7 @@ use bevy::{
     light::{DirectionalLight, NotShadowCaster, NotShadowReceiver},
     math::DVec3,
     mesh::{Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
+    platform::collections::HashMap,
     utils::Parallel,
 };
 
@@ -32,7 +38,7 @@ use super::{
     plan::shines,
     sample::Sample,
 };
-use crate::plan::CasterChanges;
+use crate::{geometry::oriented_box::OrientedBox, plan::CasterChanges};
 
 /// Where meshes have changed since the last frame.
 #[derive(Resource, Debug, Default)]
@@ -99,6 +105,10 @@ const MOST: usize = 4096;
 /// The same of very many meshes, as a share of them: one in so many.
 const SHARE: usize = 32;
 
+/// Where something moves, so many at most that have come in a frame are tried whether they do: what is shot moves, and
+/// what comes with many others is a place that is loaded.
+const MOST_TRIED: usize = 32;
+
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.
 pub fn find_changes(
     mut commands: Commands,
@@ -133,6 +143,7 @@ pub fn find_changes(
     found
         .casters
         .extend(removed.filter_map(|record| record.caster()));
+    found.has_left = !found.casters.is_empty();
     for mesh in masked.iter().filter_map(|mesh| meshes.get(*mesh).ok()) {
         let need_not_show = mesh.is_never_updated() && changed.moving.is_edited_often(mesh.entity);
         if !changed.moving.contains(mesh.entity) && !need_not_show {
@@ -142,8 +153,7 @@ pub fn find_changes(
     let edited = masked.into_iter().chain(edited);
     changed.moving.note_edits(edited, |it| edits.has_mesh(it));
     // All that the world's origin has been moved with is where it was.
-    let has_moved = core::mem::replace(&mut *last_origin, origin.get()) != origin.get();
-    changed.are_records_old |= has_moved;
+    changed.are_records_old |= core::mem::replace(&mut *last_origin, origin.get()) != origin.get();
     // Spawned before the plugin was there.
     for entity in &unknown {
         found.casters.push(None);
@@ -177,6 +187,13 @@ pub fn find_changes(
         suspects.extend(meshes.iter().map(|it| it.entity));
     }
     suspects.extend(lost.read());
+    for enabled in lost.read_enabled() {
+        // Queries did not find it: who drew without it has not been told.
+        if let Ok(mut it) = meshes.get_mut(enabled) {
+            *it.record.bypass_change_detection() = CasterRecord::Nothing;
+            suspects.push(enabled);
+        }
+    }
     suspects.extend(displaced.iter());
     suspects.extend(changed.moving.edited());
     if changed.are_records_old {
@@ -243,19 +260,27 @@ pub fn find_changes(
     changed.have_receivers_changed = found.has_receiver;
     let stopped = core::mem::take(&mut found.resting).into_iter();
     let stopped: Vec<Entity> = stopped.filter(|it| changed.moving.remove(*it)).collect();
+    let has_moved = changed.moving.has_moved_of_late();
     let moving = core::mem::take(&mut found.moving);
     let mut released = changed.moving.update(moving);
+    let (may_move, come): (Vec<_>, Vec<_>) = found.come.drain(..).partition(|it| it.1.is_some());
+    let are_tried = has_moved && may_move.len() <= MOST_TRIED;
+    let (tried, rest) = if are_tried {
+        (may_move, come)
+    } else {
+        (Vec::new(), [may_move, come].concat())
+    };
+    changed
+        .moving
+        .try_out(tried.into_iter().filter_map(|it| it.1));
+    let mut come: Vec<OrientedBox> = rest.into_iter().map(|it| it.0).collect();
     released.extend(stopped);
     let are_too_many = changed.moving.len() > most;
     if are_too_many {
         changed.moving.clear();
     }
-    let is_urgent = are_too_many || !released.is_empty();
-    let Found {
-        mut casters,
-        mut come,
-        ..
-    } = found;
+    let is_urgent = are_too_many || found.has_left || !released.is_empty();
+    let mut casters = found.casters;
     for caster in released {
         let record = meshes.get(caster).ok().map(|it| it.record.caster());
         match record.flatten() {
@@ -294,8 +319,11 @@ pub struct LostComponents<'w, 's> {
     ranges: RemovedComponents<'w, 's, VisibilityRange>,
     skins: RemovedComponents<'w, 's, SkinnedMesh>,
     morphs: RemovedComponents<'w, 's, MeshMorphWeights>,
-    disabled: RemovedComponents<'w, 's, Disabled>,
     updates: RemovedComponents<'w, 's, ShadowUpdates>,
+    /// What keeps entities out of queries, the game's own components included.
+    disabling: Res<'w, DefaultQueryFilters>,
+    all: &'w RemovedComponentMessages,
+    enabled: Local<'s, HashMap<ComponentId, MessageCursor<RemovedComponentEntity>>>,
 }
 
 impl LostComponents<'_, '_> {
@@ -312,13 +340,25 @@ impl LostComponents<'_, '_> {
         entities.extend(self.ranges.read());
         entities.extend(self.skins.read());
         entities.extend(self.morphs.read());
-        entities.extend(self.disabled.read());
         entities.extend(self.updates.read());
+        entities
+    }
+
+    /// What is enabled again.
+    fn read_enabled(&mut self) -> Vec<Entity> {
+        let mut entities = Vec::new();
+        for component in self.disabling.disabling_ids() {
+            if let Some(removed) = self.all.get(component) {
+                let cursor = self.enabled.entry(component).or_default();
+                entities.extend(cursor.read(removed).cloned().map(Entity::from));
+            }
+        }
         entities
     }
 
     fn clear(&mut self) {
         self.read();
+        self.read_enabled();
     }
 }
 

@@ -9,6 +9,7 @@ use bevy::{
         },
     },
     ecs::{
+        change_detection::DetectChangesMut,
         entity::Entity,
         query::{QueryData, Without},
         system::{ParamSet, Query, Res},
@@ -40,7 +41,7 @@ use crate::{
 pub struct CulledLight {
     light: &'static DirectionalLight,
     managed: &'static ManagedLight,
-    plans: &'static ShadowPlans,
+    plans: &'static mut ShadowPlans,
     visibility: &'static ViewVisibility,
     layers: Option<&'static RenderLayers>,
     updates: Option<&'static ShadowUpdates>,
@@ -93,6 +94,8 @@ pub fn cull_casters(
             ..
         } = &mut it.published;
         if !casts {
+            // No map holds what is no more listed.
+            it.plans.bypass_change_detection().forget_all();
             lists.entities.clear();
         }
         // Where all is drawn in each frame, and by Bevy, nothing is drawn over it.

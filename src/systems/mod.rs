@@ -16,6 +16,7 @@ mod mesh_boxes;
 mod moving;
 mod plan;
 mod publish;
+mod rows;
 mod sample;
 mod share;
 
@@ -33,6 +34,7 @@ pub use gather::view_volume;
 pub use manage::{AppliedPreset, ManagedLight};
 pub use memory::ShadowMemoryLimit;
 pub use mesh_boxes::MeshBoxes;
+pub(crate) use moving::STILL;
 pub use plan::{ShadowGridOrigin, ShadowPlans, plan_shadows};
 pub(crate) use publish::empty_cascade;
 pub use share::{SharedViews, SharesShadowsWith};

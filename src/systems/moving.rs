@@ -5,6 +5,12 @@ use bevy::ecs::entity::{Entity, EntityHashMap, EntityHashSet};
 /// For so many frames a caster has to rest before maps hold it again.
 const QUIET: u32 = 60;
 
+/// A caster that has just come counts as moving for so many frames, if it does not move.
+const TRIED: u32 = 4;
+
+/// Nothing has moved of late once nothing has for so many frames: maps are then drawn in one piece again.
+pub const STILL: u32 = 120;
+
 /// They come to rest together, every so many frames: each time, maps are drawn anew.
 const BATCH: u32 = 20;
 
@@ -17,6 +23,8 @@ const EDITS: u32 = 4;
 pub struct MovingCasters {
     /// For how many frames each has rested.
     casters: EntityHashMap<u32>,
+    /// For how many more frames there have been some of late.
+    lately: u32,
     frame: u32,
     /// How often each has been edited, and when last.
     edits: EntityHashMap<(u32, u32)>,
@@ -43,6 +51,18 @@ impl MovingCasters {
 
     pub fn clear(&mut self) {
         self.casters.clear();
+    }
+
+    /// Whether any moves, or has done so of late.
+    pub fn has_moved_of_late(&self) -> bool {
+        self.lately > 0
+    }
+
+    /// Takes those in that have just come and may move: they rest soon if they do not.
+    pub fn try_out(&mut self, come: impl Iterator<Item = Entity>) {
+        for caster in come {
+            self.casters.entry(caster).or_insert(QUIET - TRIED);
+        }
     }
 
     /// Whether it was one of them.
@@ -106,6 +126,11 @@ impl MovingCasters {
             0
         } else {
             self.frame.wrapping_add(1)
+        };
+        self.lately = if self.casters.is_empty() && moved.is_empty() {
+            self.lately.saturating_sub(1)
+        } else {
+            STILL
         };
         for rested in self.casters.values_mut() {
             *rested = rested.saturating_add(1);

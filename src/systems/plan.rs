@@ -106,6 +106,11 @@ impl ShadowPlans {
     pub(super) fn forget(&mut self, camera: Entity) {
         self.history.remove(&camera);
     }
+
+    /// Forgets what was held.
+    pub(super) fn forget_all(&mut self) {
+        self.history.clear();
+    }
 }
 
 /// What a camera is to a light's shadows.

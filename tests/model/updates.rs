@@ -424,7 +424,10 @@ fn few_of_very_many_are_no_flood() {
     };
     // They begin to move, and are drawn over what rests from then on.
     let (count, begin) = frame(35);
-    assert!(count > 4500 && begin == CasterChanges::Anywhere, "{count}");
+    assert!(
+        count > 4500 && begin == CasterChanges::AtOnce(None),
+        "{count}"
+    );
     for _ in 0..3 {
         let (_, changes) = frame(35);
         assert!(changes.are_none(), "{changes:?}");
@@ -506,8 +509,8 @@ fn what_changes_at_night_is_drawn_at_sunrise() {
     let before_the_camera = 20 * 40 + 18;
     lift(&mut app, &boxes[before_the_camera..][..1], 5.0);
     assert!(is_any_drawn(&mut app, view, light));
-    let CasterChanges::At(places) = changes(&app) else {
-        panic!("few have changed");
+    let CasterChanges::AtOnce(Some(places)) = changes(&app) else {
+        panic!("few have changed, and one is in no map any more");
     };
     let stood = |place: &OrientedBox| (place.center.y - 0.8).abs() < 1e-3;
     assert!(places.iter().any(stood), "{places:?}");
@@ -717,6 +720,139 @@ fn what_comes_costs_itself() {
     let (first, later): (Vec<_>, Vec<_>) = reasons.into_iter().partition(|it| it.0 == 0);
     assert!(first.iter().all(|it| it.1 == Redraw::Casters) && !first.is_empty());
     assert!(later.iter().all(|it| it.1 == Redraw::Added) && !later.is_empty());
+}
+
+/// What is shot moves from its second frame on: where something moves, no map is drawn for it. What only comes is
+/// soon in maps, and so is what comes with many others.
+#[test]
+fn what_comes_among_what_moves_may_move_too() {
+    let (mut app, boxes, view, light) = at_rest();
+    let why = |app: &App| -> Vec<Redraw> {
+        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        maps.filter_map(|map| map.redraw).collect()
+    };
+    let is_moving = |app: &App, caster: Entity| {
+        let casters = app.world().get::<CasterCascades>(light).unwrap();
+        casters.moving[&view].iter().any(|(it, _)| *it == caster)
+    };
+    let distance = |it: &&Entity| {
+        let at = app.world().get::<Transform>(**it).unwrap().translation;
+        at.distance_squared(Vec3::new(4.0, 0.0, -12.0)) as i32
+    };
+    let mover = *boxes.iter().min_by_key(distance).unwrap();
+    let frame = |app: &mut App| {
+        let mut at = app.world_mut().get_mut::<Transform>(mover).unwrap();
+        at.rotate_y(0.1);
+        app.update();
+        why(app)
+    };
+    frame(&mut app);
+    let shot = |app: &mut App, height: f32| {
+        let bounds = Aabb::from_min_max(Vec3::splat(-0.1), Vec3::splat(0.1));
+        let at = Transform::from_xyz(0.0, height, -12.0);
+        let mesh = (Mesh3d::default(), bounds, at, Visibility::default());
+        app.world_mut().spawn(mesh).id()
+    };
+    // One that flies and hits something.
+    let flying = shot(&mut app, 1.0);
+    for _ in 0..10 {
+        assert_eq!(frame(&mut app), []);
+        assert!(
+            is_moving(&app, flying),
+            "it is drawn from the first frame on"
+        );
+        lift(&mut app, &[flying], 0.2);
+    }
+    app.world_mut().despawn(flying);
+    assert_eq!(frame(&mut app), []);
+    // One that stays where it is.
+    let staying = shot(&mut app, 1.0);
+    let reasons: Vec<Redraw> = (0..40).flat_map(|_| frame(&mut app)).collect();
+    assert!(!is_moving(&app, staying), "it is in maps");
+    assert!(!reasons.is_empty() && reasons.iter().all(|it| *it == Redraw::Added));
+    // Many together.
+    let many: Vec<_> = (0..40).map(|it| shot(&mut app, 0.1 * it as f32)).collect();
+    let added = frame(&mut app);
+    assert!(!added.is_empty() && added.iter().all(|it| *it == Redraw::Added));
+    assert!(many.iter().all(|it| !is_moving(&app, *it)));
+}
+
+/// Maps that a caster leaves are drawn at once, wherever their turn is, and once.
+#[test]
+fn what_begins_to_move_leaves_all_maps_at_once() {
+    let mut app = app();
+    let boxes = boxes(&mut app);
+    let view = camera(&mut app);
+    let settings = ParallelSplitShadows {
+        delay: 8,
+        ..default()
+    };
+    let light = sun(&mut app, settings);
+    for _ in 0..150 {
+        app.update();
+    }
+    let held_by = |app: &App, caster: Entity| {
+        let casters = app.world().get::<CasterCascades>(light).unwrap();
+        let cascades = casters.get(view, caster);
+        cascades.map_or(0, |cascades| cascades.iter().count())
+    };
+    let mut in_several = boxes.into_iter().filter(|it| held_by(&app, *it) > 1);
+    let (mover, hidden) = (in_several.next().unwrap(), in_several.next().unwrap());
+    let mut frame = |change: &dyn Fn(&mut World)| {
+        change(app.world_mut());
+        app.update();
+        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+        maps.filter(|map| map.redraw == Some(Redraw::Casters))
+            .count()
+    };
+    let moves = |world: &mut World| world.get_mut::<Transform>(mover).unwrap().rotate_y(0.1);
+    let hides = |world: &mut World| _ = world.entity_mut(hidden).insert(Visibility::Hidden);
+    for change in [&moves as &dyn Fn(&mut World), &hides] {
+        assert!(frame(change) > 1, "none waits");
+        for _ in 0..10 {
+            assert_eq!(frame(&|_| ()), 0, "none is drawn twice");
+        }
+    }
+}
+
+/// A game's own component that keeps entities out of queries hides their shadows, and gives them back.
+#[test]
+fn what_a_game_disables_comes_back() {
+    #[derive(Component)]
+    struct Pooled;
+
+    let mut app = app();
+    app.world_mut().register_disabling_component::<Pooled>();
+    let boxes = boxes(&mut app);
+    let view = camera(&mut app);
+    let light = sun(&mut app, ParallelSplitShadows::default());
+    for _ in 0..150 {
+        app.update();
+    }
+    let distance = |it: &&Entity| {
+        let at = app.world().get::<Transform>(**it).unwrap().translation;
+        at.distance_squared(Vec3::new(0.0, 0.0, -12.0)) as i32
+    };
+    let nearest = *boxes.iter().min_by_key(distance).unwrap();
+    let is_listed = |app: &App| {
+        let lists = app.world().get::<CascadesVisibleEntities>(light).unwrap();
+        let mut lists = lists.entities[&view].iter();
+        lists.any(|list| list.entities.contains(&nearest))
+    };
+    assert!(is_listed(&app));
+    for _ in 0..2 {
+        app.world_mut().entity_mut(nearest).insert(Pooled);
+        for _ in 0..5 {
+            app.update();
+            assert!(!is_listed(&app));
+        }
+        app.world_mut().entity_mut(nearest).remove::<Pooled>();
+        assert!(is_any_drawn(&mut app, view, light));
+        assert!(is_listed(&app));
+        app.update();
+    }
 }
 
 /// All casters go along with the world's origin: none of them moves.
