@@ -1,6 +1,7 @@
-//! Whether the view has jumped since the last plan: then nothing is worth holding on to.
+//! Whether the view has jumped since the last plan: then nothing is worth holding on to. What goes on as it did before
+//! has not.
 
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
 
 use super::{PlanInputs, split::split_planes};
 use crate::geometry::slice::ViewVolume;
@@ -21,6 +22,16 @@ pub(super) fn relative_to(view: &ViewVolume, origin: DVec3) -> ViewVolume {
         eye: view.eye - origin,
         ..*view
     }
+}
+
+/// The view to which what moved and turned one view to the other goes on. `None` if they have no directions.
+pub(super) fn goes_on(before: &ViewVolume, last: &ViewVolume) -> Option<ViewVolume> {
+    let turn = DQuat::from_rotation_arc(before.forward()?, last.forward()?);
+    Some(ViewVolume {
+        eye: last.eye + (last.eye - before.eye),
+        axes: DMat3::from_quat(turn) * last.axes,
+        ..*last
+    })
 }
 
 /// Whether one view follows on the other by a cut. Both from the grids' origin; `first_plane` is where the

@@ -151,6 +151,7 @@ pub struct PlanHistory {
     config: Option<ParallelSplitShadows>,
     /// The view that it was last made for, from the grids' origin.
     view: Option<ViewVolume>,
+    view_before: Option<ViewVolume>,
     turning: Turning,
     /// Depth at which the first slice ended then.
     first_plane: f64,
@@ -183,6 +184,22 @@ impl PlanHistory {
             }
         }
         history
+    }
+
+    /// Whether another configuration asks for the same maps: it may differ in how they are looked up, and when drawn.
+    fn has_maps_for(&self, config: &ParallelSplitShadows) -> bool {
+        self.config.as_ref().is_some_and(|known| {
+            let alike = ParallelSplitShadows {
+                fade: config.fade,
+                filter: config.filter,
+                transition: config.transition,
+                sun_step: config.sun_step,
+                delay: config.delay,
+                update_budget: config.update_budget,
+                ..known.clone()
+            };
+            alike == *config
+        })
     }
 }
 
@@ -238,19 +255,29 @@ pub fn plan_cascades(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<Casc
 fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan> {
     let config = inputs.config;
     if history.config.as_ref() != Some(config) {
-        *history = PlanHistory::new(config);
+        if history.has_maps_for(config) {
+            history.config = Some(config.clone());
+        } else {
+            *history = PlanHistory::new(config);
+        }
     }
     let view = cut::relative_to(inputs.view, inputs.light.origin);
     if let Some(last) = history.view.replace(view) {
-        if cut::is_cut(inputs, &last, &view, history.first_plane) {
+        let before = history.view_before.replace(last);
+        let is_cut = |from: &ViewVolume| cut::is_cut(inputs, from, &view, history.first_plane);
+        // What is fast already goes on.
+        let goes_on = |before| cut::goes_on(before, &last).is_some_and(|from| !is_cut(&from));
+        if is_cut(&last) && !before.as_ref().is_some_and(goes_on) {
             *history = PlanHistory {
                 view: Some(view),
+                view_before: Some(last),
                 ..PlanHistory::new(config)
             };
         } else {
             history.follow_turn(inputs, &last, &view);
         }
     }
+    history.let_go_of_what_is_far(inputs);
     let range = layout::split_range(inputs, history.range, &mut history.kept_range);
     let slices = choose::slice_count(inputs, range, history.slices, &mut history.faces);
     let layout = Layout::new(inputs, range, slices);

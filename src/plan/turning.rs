@@ -1,7 +1,12 @@
 //! Whether a view keeps turning: maps then serve for what it has seen on the way and, if it turns quickly, have
 //! more to spare, so that they are drawn less often. And whether it zooms: then they have nothing to spare.
 
-use super::{PlanHistory, PlanInputs, cut::is_elsewhere, layout::MOST_LATE_STEPS};
+use super::{
+    PlanHistory, PlanInputs,
+    cut::is_elsewhere,
+    layout::{KeptRange, MOST_LATE_STEPS, split_range},
+    split::split_planes,
+};
 use crate::{
     config::{MAX_CASCADES, MapFit},
     geometry::{
@@ -42,7 +47,8 @@ const IDLE: f64 = 0.00175;
 /// in so many frames in a row.
 const IDLE_FRAMES: u32 = 10;
 
-/// What has been seen on the way counts no more where the first slice ends at so small a share of the depth.
+/// What has been seen on the way counts no more where the first slice ends, or would end, at so small a share of the
+/// depth.
 const NEARER: f64 = 0.25;
 
 /// A view zooms for so many frames after it has last shown more or less.
@@ -211,6 +217,22 @@ impl Turning {
 }
 
 impl PlanHistory {
+    /// However a view goes on turning, nothing is held of what is much farther than all that is seen now.
+    pub(super) fn let_go_of_what_is_far(&mut self, inputs: &PlanInputs) {
+        if !self.turning.goes_on() {
+            return;
+        }
+        let [near, far] = split_range(inputs, self.range, &mut KeptRange::default());
+        let cascades = inputs.config.cascades as usize;
+        let first_plane = split_planes(&inputs.config.splits, near, far, cascades)[1];
+        if first_plane < NEARER * self.first_plane {
+            self.kept_range = KeptRange::with(self.turning.depths());
+            for cascade in &mut self.cascades {
+                cascade.forget_slice(None);
+            }
+        }
+    }
+
     /// Follows a view. Steady maps are held in another way while it keeps turning, have more to spare as soon as
     /// it turns quickly, and no more than before when it has stopped.
     pub(super) fn follow_turn(

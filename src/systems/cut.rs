@@ -11,7 +11,8 @@ use super::{ShadowPlans, SharedViews};
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
 /// camera saw before. Turns by more than ten degrees, moves by more than half the first cascade's depth
-/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it.
+/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it, unless the frame before
+/// did much the same: who is fast goes on.
 ///
 /// ```
 /// # use bevy::prelude::*;

@@ -148,8 +148,8 @@ pub fn texels(plans: &[CascadePlan]) -> Vec<Option<f64>> {
     plans.iter().map(texel).collect()
 }
 
-/// While the camera turns from the horizon to its feet within a second, no map is much coarser
-/// than a fresh one, and nothing is left to wait for at the end.
+/// While the camera turns from the horizon to its feet within a second, the finest map is not much coarser
+/// than a fresh one, and soon after no map is.
 #[test]
 fn turning_leaves_no_coarse_maps_behind() {
     for fit in fits() {
@@ -162,11 +162,49 @@ fn turning_leaves_no_coarse_maps_behind() {
                 pitch: share * AT_FEET.pitch,
                 ..STANDING
             };
-            let held = finest(&shot.plan(&config, DVec3::ZERO, &mut history));
-            worst = worst.max(held / finest(&shot.fresh(&config)));
+            let held = shot.plan(&config, DVec3::ZERO, &mut history);
+            let fresh = shot.fresh(&config);
+            worst = worst.max(finest(&held) / finest(&fresh));
+            if frame == 89 {
+                worst = worst.max(coarser(&held, &fresh));
+            }
         }
         assert!(worst < 2.0, "{fit:?}: {worst}");
     }
+}
+
+/// However a view keeps turning, no depth is shown with texels that are more than so many times too large.
+#[test]
+fn maps_are_not_much_too_coarse_while_a_view_turns() {
+    for fit in fits() {
+        for (degrees, most) in [(15.0_f32, 5.0), (90.0, 7.0)] {
+            let config = with(fit.clone());
+            let mut history = PlanHistory::default();
+            let worst = (0..1200).map(|frame| {
+                let way = (frame as f32 * degrees / 60.0).to_radians();
+                // Down and up, and round.
+                let shot = Shot {
+                    pitch: -0.75 + 0.75 * way.cos(),
+                    yaw: 0.3 * way,
+                    ..STANDING
+                };
+                let held = shot.plan(&config, DVec3::ZERO, &mut history);
+                coarser(&held, &shot.fresh(&config))
+            });
+            let worst = worst.fold(1.0, f64::max);
+            assert!(worst < most, "{fit:?}, {degrees}: {worst}");
+        }
+    }
+}
+
+/// How many times as large as in another plan texels are at most, at the ends of its slices.
+fn coarser(held: &[CascadePlan], fresh: &[CascadePlan]) -> f64 {
+    let held_texels = texels(held);
+    let at_ends = fresh.iter().zip(texels(fresh)).filter_map(|(plan, texel)| {
+        let over = held.iter().position(|it| it.far >= 0.999 * plan.far)?;
+        Some(held_texels[over]? / texel?)
+    });
+    at_ends.fold(0.0, f64::max)
 }
 
 /// Of the map that is for the ground nearest to the eye's axis (meters).
@@ -213,6 +251,85 @@ fn zooms_and_windows_change_maps_in_steps() {
             none > least && some < most,
             "{fit:?}: {none}, {some} of 396"
         );
+    }
+}
+
+/// Who becomes fast cuts nothing, nor does who is: a car with a range of its own, a quick turn of the head at a few frames
+/// per second. Only how it begins may be one.
+#[test]
+fn what_is_fast_goes_on() {
+    let near = |fit| ParallelSplitShadows {
+        near: 0.1,
+        far: 30.0,
+        ..with(fit)
+    };
+    let drive: fn(f32) -> Shot = |frame| Shot {
+        // Up to 1.5 m a frame.
+        eye: DVec3::new(
+            0.0,
+            1.7,
+            -0.75 * f64::from(frame).powi(2).min(3600.0) / 60.0,
+        ),
+        ..STANDING
+    };
+    let flick: fn(f32) -> Shot = |frame| Shot {
+        yaw: (15.0 * frame).to_radians(),
+        ..STANDING
+    };
+    let back_and_forth: fn(f32) -> Shot = |frame| Shot {
+        yaw: 0.5 * (frame % 2.0),
+        ..STANDING
+    };
+    for (shot, most) in [(drive, 0), (flick, 1), (back_and_forth, 59)] {
+        let config = near(CascadeFit::Stable);
+        let mut history = PlanHistory::default();
+        let mut cuts = 0;
+        shot(0.0).plan(&config, DVec3::ZERO, &mut history);
+        for frame in 1..60 {
+            let plans = shot(frame as f32).plan(&config, DVec3::ZERO, &mut history);
+            let mut maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+            cuts += usize::from(maps.all(|map| map.redraw == Some(Redraw::New)));
+        }
+        assert_eq!(cuts, most);
+    }
+}
+
+/// What is looked up in another way, or drawn in another order, lies in the maps that there are.
+#[test]
+fn settings_that_move_no_texel_have_no_map_drawn() {
+    type Change = fn(&mut ParallelSplitShadows, f32);
+    let alike: [Change; 5] = [
+        |it, share| it.fade = share,
+        |it, _| it.transition = CascadeTransition::Dither,
+        |it, share| it.sun_step = share,
+        |it, share| it.delay = (10.0 * share) as u32,
+        |it, share| it.update_budget = UpdateBudget::Maps(1 + (10.0 * share) as u32),
+    ];
+    let others: [Change; 3] = [
+        |it, share| it.far = 400.0 + share,
+        |it, _| it.map_size = MapSize::Same(1024),
+        |it, share| it.blend = 0.2 + 0.1 * share,
+    ];
+    for fit in fits() {
+        let drawn = |change: Change| {
+            let mut config = with(fit.clone());
+            let mut history = PlanHistory::default();
+            for _ in 0..2 {
+                STANDING.plan(&config, DVec3::ZERO, &mut history);
+            }
+            let maps = (1..=20).flat_map(|step| {
+                change(&mut config, step as f32 / 20.0);
+                STANDING.plan(&config, DVec3::ZERO, &mut history)
+            });
+            let maps = maps.filter_map(|plan| plan.map);
+            maps.filter(|map| map.redraw.is_some()).count()
+        };
+        for (index, change) in alike.into_iter().enumerate() {
+            assert_eq!(drawn(change), 0, "{fit:?}, {index}");
+        }
+        for (index, change) in others.into_iter().enumerate() {
+            assert!(drawn(change) > 0, "{fit:?}, {index}");
+        }
     }
 }
 
