@@ -27,7 +27,8 @@ pub enum ShadowFilter {
     /// the sun.
     #[default]
     Camera,
-    /// The four nearest texels, by bilinear weights.
+    /// The four nearest texels, each compared at its own center, by bilinear weights: as wide as Bevy's of that name,
+    /// without the comparison that a sampler does.
     Hardware2x2,
     /// All texels within the radius, weights falling evenly to zero. Radius 1 is `Hardware2x2`;
     /// radius `r` reads about `4 r²` texels, and twice as many where a shadow's edge is near. Wider

@@ -15,6 +15,7 @@ use bevy::{
     light::NotShadowReceiver,
     math::{Affine3A, DAffine3, DMat3, Vec3A},
     mesh::{Mesh, Mesh3d},
+    tasks::{ComputeTaskPool, TaskPool},
     transform::components::GlobalTransform,
 };
 
@@ -36,6 +37,9 @@ pub struct ReceiverMesh {
     entity: Entity,
 }
 
+/// Visible meshes that are looked up together.
+const TOGETHER: usize = 2048;
+
 pub(super) type IsReceiver = (With<Mesh3d>, Without<NotShadowReceiver>);
 
 /// The boxes of what a camera sees, but for what is wholly deeper than `far` (meters).
@@ -51,16 +55,30 @@ pub(super) fn receivers(
     let is_there = |mesh: &Mesh3d| assets.is_none_or(|assets| assets.contains(&mesh.0));
     let mut receivers = Receivers::new(view).before(far);
     let range = Range::new(view, far);
-    for it in meshes.iter_many(visible).flatten() {
+    let is_near = |it: &ReceiverMeshItem| it.inherited.get() && !range.ends_before(it);
+    let near: Vec<Entity>;
+    let visible = if visible.len() <= TOGETHER {
+        visible
+    } else {
+        let pool = ComputeTaskPool::get_or_init(TaskPool::default);
+        let is_near = &is_near;
+        let found = pool.scope(|scope| {
+            for some in visible.chunks(TOGETHER) {
+                scope.spawn(async move {
+                    let meshes = meshes.iter_many(some).flatten().filter(is_near);
+                    meshes.map(|it| it.entity).collect::<Vec<_>>()
+                });
+            }
+        });
+        near = found.concat();
+        &near
+    };
+    for it in meshes.iter_many(visible).flatten().filter(is_near) {
         match it.aabb {
-            _ if !it.inherited.get() => {}
             // Still loading, and not drawn.
             None if !it.is_unculled && !it.has_no_bounds && !is_there(it.mesh) => {}
             Some(aabb) if !it.is_unculled && aabb.half_extents.is_finite() => {
                 let world_from_local = it.transform.affine();
-                if it.margin.is_none() && range.ends_before(aabb, &world_from_local) {
-                    continue;
-                }
                 let margin = Margin::of(it.entity, it.margin, displaced);
                 let bounds = world_bounds(aabb, &world_from_local, margin);
                 let has_parts = !it.has_no_bounds && margin != Margin::OwnSize;
@@ -101,9 +119,19 @@ impl Range {
         }
     }
 
-    /// Whether a mesh that reaches out of its box by its own size at most is certainly deeper.
+    /// Whether a mesh is certainly deeper.
     #[inline]
-    fn ends_before(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
+    fn ends_before(&self, it: &ReceiverMeshItem) -> bool {
+        let reaches_far = it.is_unculled || it.margin.is_some();
+        it.aabb.is_some_and(|aabb| {
+            let is_known = !reaches_far && aabb.half_extents.is_finite();
+            is_known && self.ends_before_box(aabb, &it.transform.affine())
+        })
+    }
+
+    /// The same of one that reaches out of its box by its own size at most.
+    #[inline]
+    fn ends_before_box(&self, aabb: &Aabb, world_from_local: &Affine3A) -> bool {
         const ROUNDING: f32 = 1e-6;
         let (axes, origin) = (&world_from_local.matrix3, world_from_local.translation);
         let magnitude = (origin.abs() + self.eye.abs()).max_element() + self.far.abs();
