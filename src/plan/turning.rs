@@ -219,13 +219,16 @@ impl Turning {
 impl PlanHistory {
     /// However a view goes on turning, nothing is held of what is much farther than all that is seen now.
     pub(super) fn let_go_of_what_is_far(&mut self, inputs: &PlanInputs) {
-        if !self.turning.goes_on() {
+        let Some(held) = self.range.filter(|_| self.turning.goes_on()) else {
             return;
-        }
-        let [near, far] = split_range(inputs, self.range, &mut KeptRange::default());
-        let cascades = inputs.config.cascades as usize;
-        let first_plane = split_planes(&inputs.config.splits, near, far, cascades)[1];
-        if first_plane < NEARER * self.first_plane {
+        };
+        let config = inputs.config;
+        // Fewer slices may be in use.
+        let first_plane = |[near, far]: [f64; 2]| {
+            split_planes(&config.splits, near, far, config.cascades as usize)[1]
+        };
+        let seen = split_range(inputs, self.range, &mut KeptRange::default());
+        if first_plane(seen) < NEARER * first_plane(held) {
             self.kept_range = KeptRange::with(self.turning.depths());
             for cascade in &mut self.cascades {
                 cascade.forget_slice(None);

@@ -105,8 +105,8 @@ const MOST: usize = 4096;
 /// The same of very many meshes, as a share of them: one in so many.
 const SHARE: usize = 32;
 
-/// Where something moves, so many at most that have come in a frame are tried whether they do: what is shot moves, and
-/// what comes with many others is a place that is loaded.
+/// Where something moves, up to so many casters that come in a frame are taken to move until they are seen to rest: what
+/// is shot moves, and what comes with many others is a place that is loaded.
 const MOST_TRIED: usize = 32;
 
 /// Finds the meshes that have changed since the last frame. Rests while no managed light shines.

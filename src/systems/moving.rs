@@ -5,7 +5,7 @@ use bevy::ecs::entity::{Entity, EntityHashMap, EntityHashSet};
 /// For so many frames a caster has to rest before maps hold it again.
 const QUIET: u32 = 60;
 
-/// A caster that has just come counts as moving for so many frames, if it does not move.
+/// A caster that has just come, and is taken to move, has come to rest after so many frames.
 const TRIED: u32 = 4;
 
 /// Nothing has moved of late once nothing has for so many frames: maps are then drawn in one piece again.
