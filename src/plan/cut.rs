@@ -24,10 +24,21 @@ pub(super) fn relative_to(view: &ViewVolume, origin: DVec3) -> ViewVolume {
     }
 }
 
-/// The view to which what moved and turned one view to the other goes on. `None` if they have no directions.
-pub(super) fn goes_on(before: &ViewVolume, last: &ViewVolume) -> Option<ViewVolume> {
-    let turn = DQuat::from_rotation_arc(before.forward()?, last.forward()?);
-    Some(ViewVolume {
+/// What turns faster does not go on: what it sees is always something else (cosine of half a right angle from frame to
+/// frame).
+const LEAST_GOING_ON: f64 = core::f64::consts::FRAC_1_SQRT_2;
+
+/// The view to which what moved and turned one view to the other goes on. `None` if it was so much that each sees something
+/// else, or they have no directions.
+pub(super) fn goes_on(
+    inputs: &PlanInputs,
+    before: &ViewVolume,
+    last: &ViewVolume,
+) -> Option<ViewVolume> {
+    let (from, to) = (before.forward()?, last.forward()?);
+    let is_far = from.dot(to) < LEAST_GOING_ON || before.eye.distance(last.eye) > inputs.far();
+    let turn = DQuat::from_rotation_arc(from, to);
+    (!is_far).then(|| ViewVolume {
         eye: last.eye + (last.eye - before.eye),
         axes: DMat3::from_quat(turn) * last.axes,
         ..*last

@@ -266,7 +266,8 @@ fn plan_from(inputs: &PlanInputs, history: &mut PlanHistory) -> Vec<CascadePlan>
         let before = history.view_before.replace(last);
         let is_cut = |from: &ViewVolume| cut::is_cut(inputs, from, &view, history.first_plane);
         // What is fast already goes on.
-        let goes_on = |before| cut::goes_on(before, &last).is_some_and(|from| !is_cut(&from));
+        let goes_on =
+            |before| cut::goes_on(inputs, before, &last).is_some_and(|from| !is_cut(&from));
         if is_cut(&last) && !before.as_ref().is_some_and(goes_on) {
             *history = PlanHistory {
                 view: Some(view),

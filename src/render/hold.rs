@@ -35,7 +35,7 @@ use crate::systems::{EditedCasters, UnplannedMaps};
 #[derive(Resource, Debug, Default)]
 pub(super) struct DrawnMaps {
     maps: EntityHashMap<DrawnMap>,
-    /// Pipelines of casters, and how often they lacked shaders as those were drawn.
+    /// Pipelines of casters that have lacked shaders, and for how many frames with maps that were drawn.
     lacking: HashMap<CachedRenderPipelineId, u32>,
     /// The last extraction that was drawn.
     frame: u64,
@@ -256,9 +256,6 @@ pub(super) fn hold_maps(
 /// What is missing for so many frames may never come: it is waited for no longer.
 const PATIENCE: u32 = 60;
 
-/// As many frames for pipelines, of which every other one finds their shaders lacking: Bevy tries again in between.
-const MOST_LACKING: u32 = PATIENCE / 2;
-
 /// What maps wait for that is not theirs to know.
 #[derive(Default, PartialEq)]
 pub(super) struct Missing {
@@ -281,14 +278,16 @@ pub(super) fn note_whole_maps(
     if drawn().next().is_none() {
         return;
     }
-    let pipelines_of = |map: &DrawnMap| phases.get(&map.view).into_iter().flat_map(pipelines_of);
+    let phases = |map: &DrawnMap| phases.get(&map.view);
+    let all_of = |map: &DrawnMap| phases(map).into_iter().flat_map(pipelines_of);
     let state = |pipeline| pipelines.get_render_pipeline_state(pipeline);
     let lack_now: HashSet<_> = drawn()
-        .flat_map(pipelines_of)
+        .flat_map(all_of)
         .filter(|pipeline| lacks_shaders(state(*pipeline)))
         .collect();
+    lacking.values_mut().for_each(|frames| *frames += 1);
     for pipeline in lack_now {
-        *lacking.entry(pipeline).or_default() += 1;
+        lacking.entry(pipeline).or_default();
     }
     let is_drawn = |entity: &&MainEntity| meshes.render_mesh_queue_data(**entity).is_some();
     let computes = pipelines.pipelines().enumerate().filter(|(_, pipeline)| {
@@ -314,10 +313,10 @@ pub(super) fn note_whole_maps(
         let is_waited_for = |pipeline| {
             let may_come = lacking
                 .get(&pipeline)
-                .is_none_or(|times| *times < MOST_LACKING);
+                .is_none_or(|frames| *frames < PATIENCE);
             may_come && is_on_its_way(state(pipeline))
         };
-        let is_whole = is_there && !pipelines_of(map).any(is_waited_for);
+        let is_whole = is_there && !all_of(map).any(is_waited_for);
         map.whole = if is_whole { map.whole + 1 } else { 0 };
     }
 }

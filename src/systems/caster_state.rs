@@ -303,7 +303,7 @@ pub struct Found {
     pub casters: Vec<Option<OrientedBox>>,
     /// Where those are that have come, and that no map holds; and which, if they may yet move.
     pub come: Vec<(OrientedBox, Option<Entity>)>,
-    /// Some have come to be in no map any more.
+    /// Some are in no map any more.
     pub has_left: bool,
     /// Casters that have moved, or bent.
     pub moving: Vec<Entity>,

@@ -105,7 +105,7 @@ const MOST: usize = 4096;
 /// The same of very many meshes, as a share of them: one in so many.
 const SHARE: usize = 32;
 
-/// Where something moves, up to so many casters that come in a frame are taken to move until they are seen to rest: what
+/// While anything moves, up to so many casters that come in a frame are taken to move until they are seen to rest: what
 /// is shot moves, and what comes with many others is a place that is loaded.
 const MOST_TRIED: usize = 32;
 

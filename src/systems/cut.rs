@@ -11,8 +11,8 @@ use super::{ShadowPlans, SharedViews};
 
 /// Says that a camera's view has jumped, as at a cut: fitted maps then hold on to nothing of what the
 /// camera saw before. Turns by more than ten degrees, moves by more than half the first cascade's depth
-/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it, unless the frame before
-/// did much the same: who is fast goes on.
+/// and zooms by more than a quarter, from one frame to the next, are taken for cuts without it; but not turns by up to 45
+/// degrees and moves up to [`far`](crate::ParallelSplitShadows::far) that are much as the frame before's.
 ///
 /// ```
 /// # use bevy::prelude::*;

@@ -61,7 +61,7 @@ impl MovingCasters {
     /// Takes those in that have just come and may move: they rest soon if they do not.
     pub fn try_out(&mut self, come: impl Iterator<Item = Entity>) {
         for caster in come {
-            self.casters.entry(caster).or_insert(QUIET - TRIED);
+            self.casters.entry(caster).or_insert(QUIET + 1 - TRIED);
         }
     }
 
@@ -127,7 +127,9 @@ impl MovingCasters {
         } else {
             self.frame.wrapping_add(1)
         };
-        self.lately = if self.casters.is_empty() && moved.is_empty() {
+        // Those that are only tried do not have more tried.
+        let is_any_left = self.casters.values().any(|rested| *rested < QUIET - TRIED);
+        self.lately = if moved.is_empty() && !is_any_left {
             self.lately.saturating_sub(1)
         } else {
             STILL

@@ -754,6 +754,7 @@ fn what_comes_among_what_moves_may_move_too() {
         let mesh = (Mesh3d::default(), bounds, at, Visibility::default());
         app.world_mut().spawn(mesh).id()
     };
+    let mut is_last_apart = true;
     // One that flies and hits something.
     let flying = shot(&mut app, 1.0);
     for _ in 0..10 {
@@ -776,6 +777,16 @@ fn what_comes_among_what_moves_may_move_too() {
     let added = frame(&mut app);
     assert!(!added.is_empty() && added.iter().all(|it| *it == Redraw::Added));
     assert!(many.iter().all(|it| !is_moving(&app, *it)));
+    // Once nothing moves, what comes now and then does not keep itself apart.
+    for _ in 0..3 {
+        for _ in 0..100 {
+            app.update();
+        }
+        let last = shot(&mut app, 1.0);
+        app.update();
+        is_last_apart = is_moving(&app, last);
+    }
+    assert!(!is_last_apart);
 }
 
 /// Maps that a caster leaves are drawn at once, wherever their turn is, and once.
