@@ -224,20 +224,20 @@ fn is_oblique(z_row: Vec4) -> bool {
 /// The lower and the upper corner of what is seen, as functions of the depth: values at zero and slopes. Of a
 /// picture that is turned, those of a box around it.
 fn sides(m: &Mat4) -> Option<[[DVec2; 2]; 2]> {
-    let corners = [[-1.0, -1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0]];
-    let mut corners = corners.map(|ndc| corner(m, ndc.into()));
+    let at = |x, y| corner(m, DVec2::new(x, y));
+    let ends = [at(-1.0, -1.0)?, at(1.0, 1.0)?];
     let is_turned = m.x_axis.y != 0.0 || m.y_axis.x != 0.0;
     if is_turned {
-        let corners: Option<Vec<_>> = corners.into_iter().collect();
-        let corners = corners?;
-        let end = |most: fn(DVec2, DVec2) -> DVec2| {
-            let of_two =
-                |one: [DVec2; 2], two: [DVec2; 2]| [most(one[0], two[0]), most(one[1], two[1])];
-            corners.iter().copied().reduce(of_two)
+        let others = [ends[1], at(1.0, -1.0)?, at(-1.0, 1.0)?];
+        let side = |most: fn(DVec2, DVec2) -> DVec2| {
+            [0, 1].map(|term| {
+                others
+                    .iter()
+                    .fold(ends[0][term], |end, it| most(end, it[term]))
+            })
         };
-        return Some([end(DVec2::min)?, end(DVec2::max)?]);
+        return Some([side(DVec2::min), side(DVec2::max)]);
     }
-    let ends = [corners[0].take()?, corners[1].take()?];
     // Of mirrored projections the other one is the lower.
     let [one, other] = ends.map(|[at_eye, per_depth]| at_eye + per_depth);
     let is_lower = one.cmple(other);

@@ -53,9 +53,9 @@ pub enum ShadowUpdates {
     Automatic,
     /// In every frame.
     Always,
-    /// When it is spawned, despawned, shown or hidden, and when the map is drawn anew for another reason. For what changes and need not show it, as a
-    /// vertex shader that does not move anything, or a material that glows: its first few edits show, for it may be
-    /// loading, and then none.
+    /// When it is spawned, despawned, shown or hidden, and when the map is drawn anew for another reason. For what
+    /// changes and need not show it, as a vertex shader that does not move anything, or a material that glows: its first
+    /// few edits show, for it may be loading, and then none.
     Never,
 }
 
@@ -90,7 +90,7 @@ struct CasterKind {
     is_skinned: bool,
     is_morphed: bool,
     layers: RenderLayers,
-    /// Of the views for which it is in the range of its level of detail.
+    /// A hash of the views for which it is in the range of its level of detail.
     ranges: u64,
 }
 

@@ -263,17 +263,14 @@ pub fn find_changes(
     let has_moved = changed.moving.has_moved_of_late();
     let moving = core::mem::take(&mut found.moving);
     let mut released = changed.moving.update(moving);
-    let (may_move, come): (Vec<_>, Vec<_>) = found.come.drain(..).partition(|it| it.1.is_some());
-    let are_tried = has_moved && may_move.len() <= MOST_TRIED;
-    let (tried, rest) = if are_tried {
-        (may_move, come)
-    } else {
-        (Vec::new(), [may_move, come].concat())
-    };
+    let may_move = found.come.iter().filter(|it| it.1.is_some()).count();
+    let are_tried = has_moved && may_move <= MOST_TRIED;
+    let is_tried = |it: &(_, Option<_>)| are_tried && it.1.is_some();
+    let (tried, come): (Vec<_>, Vec<_>) = found.come.into_iter().partition(is_tried);
     changed
         .moving
         .try_out(tried.into_iter().filter_map(|it| it.1));
-    let mut come: Vec<OrientedBox> = rest.into_iter().map(|it| it.0).collect();
+    let mut come: Vec<OrientedBox> = come.into_iter().map(|it| it.0).collect();
     released.extend(stopped);
     let are_too_many = changed.moving.len() > most;
     if are_too_many {

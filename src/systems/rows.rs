@@ -14,6 +14,7 @@ pub fn any_newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> bool {
         .fold(false, |any, tick| any | (age(*tick) < oldest))
 }
 
+/// The rows that have been written since.
 pub fn newer(ticks: &[Tick], last_run: Tick, this_run: Tick) -> u64 {
     rows_where(ticks.iter(), |tick| tick.is_newer_than(last_run, this_run))
 }

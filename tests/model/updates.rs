@@ -246,12 +246,17 @@ fn adds_all_that_maps_lack(step: usize) {
     assert!(times > 10, "casters were added {times} times");
 }
 
+/// Why maps are drawn in a frame.
+fn reasons(app: &App, view: Entity, light: Entity) -> Vec<Redraw> {
+    let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
+    let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
+    maps.filter_map(|map| map.redraw).collect()
+}
+
 /// Whether any map is drawn anew in the next frame.
 fn is_any_drawn(app: &mut App, view: Entity, light: Entity) -> bool {
     app.update();
-    let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
-    let mut maps = plans.iter().filter_map(|plan| plan.map.as_ref());
-    maps.any(|map| map.redraw.is_some())
+    !reasons(app, view, light).is_empty()
 }
 
 fn lift(app: &mut App, boxes: &[Entity], by: f32) {
@@ -679,11 +684,7 @@ fn what_comes_and_goes_elsewhere_has_nothing_drawn() {
 #[test]
 fn what_comes_costs_itself() {
     let (mut app, boxes, view, light) = at_rest();
-    let why = |app: &App| -> Vec<Redraw> {
-        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
-        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
-        maps.filter_map(|map| map.redraw).collect()
-    };
+    let why = |app: &App| reasons(app, view, light);
     let bounds = Aabb::from_min_max(Vec3::splat(-0.5), Vec3::splat(0.5));
     let near = Transform::from_xyz(0.0, 0.5, -12.0);
     let come = (Mesh3d::default(), bounds, near, Visibility::default());
@@ -727,11 +728,7 @@ fn what_comes_costs_itself() {
 #[test]
 fn what_comes_among_what_moves_may_move_too() {
     let (mut app, boxes, view, light) = at_rest();
-    let why = |app: &App| -> Vec<Redraw> {
-        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
-        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
-        maps.filter_map(|map| map.redraw).collect()
-    };
+    let why = |app: &App| reasons(app, view, light);
     let is_moving = |app: &App, caster: Entity| {
         let casters = app.world().get::<CasterCascades>(light).unwrap();
         casters.moving[&view].iter().any(|(it, _)| *it == caster)
@@ -813,10 +810,8 @@ fn what_begins_to_move_leaves_all_maps_at_once() {
     let mut frame = |change: &dyn Fn(&mut World)| {
         change(app.world_mut());
         app.update();
-        let plans = &app.world().get::<ShadowPlans>(light).unwrap().views[&view];
-        let maps = plans.iter().filter_map(|plan| plan.map.as_ref());
-        maps.filter(|map| map.redraw == Some(Redraw::Casters))
-            .count()
+        let reasons = reasons(&app, view, light).into_iter();
+        reasons.filter(|why| *why == Redraw::Casters).count()
     };
     let moves = |world: &mut World| world.get_mut::<Transform>(mover).unwrap().rotate_y(0.1);
     let hides = |world: &mut World| _ = world.entity_mut(hidden).insert(Visibility::Hidden);
